@@ -24,6 +24,7 @@ from rollingjoint.errors import ConfigError
 __all__ = ["evaluate_controllers", "main"]
 
 MOMENTS = 11  # of an episode at which floors are drawn
+NOT_TRACKING = "The policy is compared with no controllers: these need an environment with a tracking class of rj_gym."
 BESIDE = "another run folder whose best policy drives the same episodes, under the name of its folder; repeatable"
 OWN = "one more controller to compare, as described in agents.controllers.controller; repeatable"
 
@@ -75,8 +76,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         evaluation = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
     report = replace(evaluation, about=about)
     write_report(report, controllers, config.env, folder)
-    if blind:
-        print(blind)
+    for note in filter(None, (blind, config.env.why_scalar, "" if config.env.is_tracking else NOT_TRACKING)):
+        print(note)
     print(f"{report.text()}\nReport: {folder / 'report.md'}")
     if config.env.is_tracking:
         print(f"Animation: {folder / 'animation.gif'}")

@@ -15,7 +15,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from rj_gym import RollingJointEnv, RollingJointVectorEnv, Terms
+from rj_gym import Memory, RollingJointEnv, RollingJointVectorEnv, Terms
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "your_task.md"
 LANES, REPEATS, EPISODE = (1, 64, 1024), 15, 200
@@ -26,6 +26,16 @@ def near(step: Any) -> Any:
     return 1.0 / (1.0 + step.error_mm / 2.0)
 
 
+def hold(step: Any) -> Any:
+    """The bonus of the page."""
+    return 0.5 * (step.memory[:, 0] >= 3)
+
+
+def streak(step: Any) -> Any:
+    """The memory of the page."""
+    return np.where(step.error_mm <= 0.5, step.memory[:, 0] + 1, 0)
+
+
 def main() -> None:
     """Print the table."""
     names: dict[str, Any] = {}
@@ -34,7 +44,11 @@ def main() -> None:
         "the task as it is": Terms(),
         "own reward in NumPy": Terms(rewards={"near": near}),
         "own reward, compiled": Terms(rewards={"near": numba.njit(near)}),
-        "everything on this page": names["TERMS"],
+        "own reward with memory in NumPy": Terms(rewards={"hold": hold}, memory=Memory([0], streak)),
+        "own reward with memory, compiled": Terms(
+            rewards={"hold": numba.njit(hold)}, memory=Memory([0], numba.njit(streak))
+        ),
+        "everything in `TERMS`": names["TERMS"],
     }
     print("| steps/s with |", *(f"{lanes:,} lanes |" for lanes in LANES))
     print("|---|" + "---|" * len(LANES))

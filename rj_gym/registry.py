@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any, overload
 
 import gymnasium
 
-from rj_gym.core.settings import Settings
+from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.task import Task
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
@@ -45,6 +46,11 @@ class Registration:
         return self.env_id.rpartition("-v")[0]
 
     @property
+    def has_goals(self) -> bool:
+        """Whether it is a goal environment."""
+        return self.stem.endswith("Goal")
+
+    @property
     def tracks(self) -> bool:
         """Whether the task is to track a target with the tip."""
         return self.family != "design"
@@ -78,6 +84,7 @@ _FIRST = tuple(
         ("RollingJointGoal", "planar", "TrackingConfig"),
         ("FlexibleArm", "arm", "FlexibleArmConfig"),
         ("FlexibleArmGoal", "arm", "FlexibleArmConfig"),
+        ("PitchYaw", "arm", "PitchYawConfig"),
         ("Instrument", "planar", "InstrumentConfig", "worlds"),
         ("InstrumentShift", "planar", "InstrumentShiftConfig", "worlds"),
         ("SlowCamera", "planar", "SlowCameraConfig", "worlds"),
@@ -108,12 +115,55 @@ def register_envs() -> None:
             )
 
 
-def settings_of(env_id: str) -> type[Settings]:
-    """The class of the settings of a registered id; raises ConfigError for another id."""
+def row_of(env_id: str) -> Registration | None:
+    """The row of an id, or of the class of rj_gym that is the entry point of an id registered elsewhere; else None.
+
+    The module of "module:id" is not imported here.
+    """
     for row in TABLE:
         if row.env_id == env_id:
-            kind: type[Settings] = row.settings_class
-            return kind
+            return row
+    spec = gymnasium.registry.get(env_id.rpartition(":")[2])
+    if spec is None or not isinstance(spec.entry_point, str):
+        return None
+    module, _, name = spec.entry_point.partition(":")
+    classes = {f"{row.stem}Env": row for row in TABLE}
+    return classes.get(name) if module.partition(".")[0] == "rj_gym" else None
+
+
+def registered_settings(env_id: str, changes: Mapping[str, Any]) -> Settings:
+    """The settings with which an id of rj_gym, or one that is registered elsewhere for its classes, is made.
+
+    Args:
+        changes: settings on top of those that it was registered with.
+    Raises:
+        ConfigError: settings that cannot be used, or an id that `row_of` does not have.
+    """
+    kind, arguments = settings_of(env_id), _registered_arguments(env_id)
+    if not arguments:
+        return kind.from_dict(changes)
+    is_goal = bool((row := row_of(env_id)) and row.has_goals)
+    return made_settings(kind, arguments.pop("config", None), arguments | dict(changes), is_goal)
+
+
+def making_arguments(env_id: str, config: Settings) -> dict[str, Any]:
+    """The arguments of gymnasium.make for these settings, also where the id was registered with other ones."""
+    names = _registered_arguments(env_id).keys() - {"config"}
+    return {"config": config, **{name: getattr(config, name) for name in names}}
+
+
+def _registered_arguments(env_id: str) -> dict[str, Any]:
+    """The settings among the arguments that an id was registered with, and `config`."""
+    spec = gymnasium.registry.get(env_id.rpartition(":")[2])
+    names = {"config", *(field.name for field in fields(settings_of(env_id)))}  # type: ignore[arg-type]
+    return {} if spec is None else {name: value for name, value in spec.kwargs.items() if name in names}
+
+
+def settings_of(env_id: str) -> type[Settings]:
+    """The class of the settings of an id, as `row_of` has it; raises ConfigError for another id."""
+    if (row := row_of(env_id)) is not None:
+        kind: type[Settings] = row.settings_class
+        return kind
     raise ConfigError("environment", env_id, f"one of {', '.join(row.env_id for row in TABLE)}")
 
 

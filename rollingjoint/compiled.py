@@ -32,7 +32,7 @@ Solvers:
     BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
         PinnedRange solves ranges of its rows, step_range with friction.
     call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with entry and pins of a PinnedRange
-        (arms: PinnedHinges); number of rows left to its solve_the_rest, -1 where it had no memory.
+        (arms: PinnedHinges, rolling joints in space: PinnedContacts); number of rows left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
     FrictionArrays: friction of rows, with histories, for step_range, and for begin_range, which fills histories before
@@ -53,6 +53,7 @@ from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_unifo
 from rollingjoint._numba.views import carve, singles_at
 from rollingjoint.chain.batch import PinnedRange, begin_range, step_range
 from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.contacts import PinnedContacts
 from rollingjoint.kernels.friction import (
     CONSTANT,
     MU,
@@ -98,6 +99,7 @@ __all__ = [
     "Integers",
     "Pinned",
     "PinnedBatch",
+    "PinnedContacts",
     "PinnedHinges",
     "PinnedRange",
     "Singles",

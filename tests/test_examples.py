@@ -21,7 +21,7 @@ OPTIONS = {
 }
 
 
-LONG = {"fidelity", "friction_loops"}
+LONG = {"fidelity", "friction_loops", "spatial_chains"}
 
 
 @pytest.mark.parametrize(
@@ -40,4 +40,4 @@ def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch
 
 
 def test_pages_show_what_examples_print():
-    assert set(SHOWN) == {"flexible_arm_findings", "friction_loops"}
+    assert set(SHOWN) == {"flexible_arm_findings", "friction_loops", "spatial_chains"}

@@ -45,6 +45,8 @@ WITH_FRICTION = (
     "With friction the tip under a command depends on the moves before it: no floor is known that holds for every path."
 )
 
+WITH_TERMS = "Own targets have no floor, which is searched for from the tensions of a target: target_tensions have one."
+
 _MAX_ITERATIONS = 300
 _GOAL = 1e-10  # mm that the next step would still gain
 _LARGEST_DAMPING = 1e6  # beyond it no step improves anything
@@ -76,7 +78,10 @@ class Floor:
 
 def why_no_floor(env: EnvConfig) -> str:
     """Why the episodes of a tracking environment have no floor, one line; empty where they have one."""
-    return WITH_FRICTION if task_of(env.arguments()["config"]).friction_acts else ""
+    config = env.arguments()["config"]
+    if config.terms.targets is not None:
+        return WITH_TERMS
+    return WITH_FRICTION if task_of(config).friction_acts else ""
 
 
 def episode_floor(
@@ -94,13 +99,14 @@ def episode_floor(
         steps: steps to look at, from 0 (after reset) to episode_steps: arrays (E, len(steps), ...).
         starts, candidates: as for `floor`.
     Raises:
-        ConfigError: another environment, or one with friction.
+        ConfigError: another environment, or one with friction, own targets.
         InvalidInput: a step that does not exist.
     """
     if not env.is_tracking:
         raise ConfigError("env.id", env.id, "a tracking environment of rj_gym", "Only these have a floor.")
     if why := why_no_floor(env):
-        raise ConfigError("env.settings", "friction", "an environment without friction", why)
+        cause = "friction" if why == WITH_FRICTION else "own targets"
+        raise ConfigError("env.settings", cause, f"an environment without {cause}", why)
     config = env.arguments()["config"]
     moments = [config.episode_steps] if steps is None else list(steps)
     if not all(0 <= step <= config.episode_steps for step in moments):

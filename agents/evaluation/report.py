@@ -22,6 +22,10 @@ from rj_gym.registry import task_of
 from rollingjoint.checks import as_integer
 from rollingjoint.tables import markdown_table, text_table
 
+RETURNS = (
+    "Return and terms of the reward: sums over an episode, means over the episodes. The best policy of a training is "
+    "the one with the smallest tip error in its evaluations, not the one with the largest return."
+)
 POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers
 
 
@@ -76,11 +80,28 @@ class EvaluationReport:
         ]
         return [head, *rows, *([] if self.known_floors is None else [_floor_row(self.known_floors)])]
 
+    @property
+    def reward_terms(self) -> dict[str, dict[str, float]]:
+        """Means of the terms of the reward, summed over an episode, by controller; none where they are not known."""
+        known = {name: episodes.reward_terms for name, episodes in self.episodes.items() if episodes.reward_terms}
+        return {name: {term: float(sums.mean()) for term, sums in terms.items()} for name, terms in known.items()}
+
+    def reward_table(self) -> list[list[str]]:
+        """Head and rows of the table of returns and terms of the reward; empty where no terms are known."""
+        terms = self.reward_terms
+        rows = [
+            [name, *(f"{value:.3f}" for value in (float(self.episodes[name].rewards.mean()), *values.values()))]
+            for name, values in terms.items()
+        ]
+        return [["controller", "return", *next(iter(terms.values()))], *rows] if terms else []
+
     def text(self) -> str:
-        """The table for a terminal."""
-        head, *rows = self.table()
-        table = text_table(head, rows, ruled=True)
-        return f"{table}\n{self.no_floor}" if self.no_floor else table
+        """The tables for a terminal."""
+        (head, *rows), rewards = self.table(), self.reward_table()
+        parts = [text_table(head, rows, ruled=True), *([self.no_floor] if self.no_floor else [])]
+        return "\n".join(
+            [*parts, *(["", text_table(rewards[0], rewards[1:], ruled=True), "", RETURNS] if rewards else [])]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for report.json."""
@@ -92,6 +113,7 @@ class EvaluationReport:
             "length_mm": self.length_mm,
             "scores": {name: asdict(score) for name, score in self.scores.items()},
             "seeds": self.seeds,
+            **({"reward_terms": terms} if (terms := self.reward_terms) else {}),
             "final_errors_mm": {name: _plain(episodes.final_errors) for name, episodes in self.episodes.items()},
             **floors,
         }
@@ -103,13 +125,14 @@ class EvaluationReport:
             notes: descriptions of the controllers, by name.
             pictures: caption by file name.
         """
-        head, *rows = self.table()
+        (head, *rows), rewards = self.table(), self.reward_table()
         early = [f"{name}: {score.ended_early}" for name, score in self.scores.items() if score.ended_early]
         parts = [
             "# Evaluation",
             "\n".join(f"- {key}: {value}" for key, value in self.about.items()),
             self._explanation(),
             markdown_table(head, rows),
+            *([markdown_table(rewards[0], rewards[1:]), RETURNS] if rewards else []),
             "\n".join(f"- **{name}**: {note}" for name, note in notes.items()),
             f"Episodes that the environment ended early: {', '.join(early) or 'none'}.",
             *(f"![{caption}]({file})\n\n{caption}" for file, caption in pictures.items()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any, cast
 
@@ -29,6 +29,8 @@ class Episodes:
         rewards: sum over the episode, (E,).
         loads: force over time, (E, T + 1, 2 or 3) [N]. link: the link that it pulls, (E,). targets: (E, T + 1, 2 or 3)
             [mm]. None where the task is not tracking.
+        reward_terms: sum of every term of the reward over the episode, (E,), by name; of ids that rj_gym has not
+            registered, where they report them.
     """
 
     seeds: NDArray[np.int64]
@@ -38,6 +40,7 @@ class Episodes:
     loads: Array | None = None
     link: NDArray[np.int64] | None = None
     targets: Array | None = None
+    reward_terms: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.seeds)
@@ -108,6 +111,7 @@ def _side_by_side(
     controller.begin(task, len(seeds))
     drawn = info.get("sampled", {}) if task and not options else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
+    terms: dict[str, Array] = {}
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
     while running.any():
         if watch:
@@ -115,13 +119,21 @@ def _side_by_side(
         observation, reward, terminated, truncated, info = envs.step(controller.act(observation))
         errors.append(np.where(running, tip_errors(info), errors[-1]))
         rewards += np.where(running, reward, 0.0)
+        for name, values in ({} if env.is_built_in else _reward_terms(info)).items():
+            terms[name] = terms.get(name, 0.0) + np.where(running, values, 0.0)
         early |= running & terminated
         running &= ~(terminated | truncated)
     if watch:
         watch(envs)
     envs.close()
-    series = [drawn.get(name) for name in ("forces", "link", "targets")]
-    return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, *series)
+    loads, link, targets = (drawn.get(name) for name in ("forces", "link", "targets"))
+    return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, loads, link, targets, terms)
+
+
+def _reward_terms(info: Mapping[str, Any]) -> dict[str, Array]:
+    """The terms of the reward in the info of a step, (B,) each; none where it does not report them."""
+    terms = info.get("reward_terms", {})
+    return {name: values for name, values in terms.items() if not name.startswith("_")}
 
 
 def _begun(envs: VectorEnv[Any, Any, Any], seeds: list[int], options: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
@@ -144,14 +156,18 @@ def joined(blocks: Sequence[Episodes]) -> Episodes:
     """The episodes of all blocks; shorter ones keep their last error."""
     times = max(block.errors.shape[1] for block in blocks)
     padded = [np.pad(block.errors, ((0, 0), (0, times - block.errors.shape[1])), mode="edge") for block in blocks]
-    series: list[Any] = []
-    for name in ("loads", "link", "targets"):
+
+    def together(name: str) -> Any:
         parts = [getattr(block, name) for block in blocks]
-        series.append(None if parts[0] is None else np.concatenate(parts))
+        return None if parts[0] is None else np.concatenate(parts)
+
     return Episodes(
         np.concatenate([block.seeds for block in blocks]),
         np.concatenate(padded),
         np.concatenate([block.rewards for block in blocks]),
         np.concatenate([block.terminated for block in blocks]),
-        *series,
+        together("loads"),
+        together("link"),
+        together("targets"),
+        {name: np.concatenate([block.reward_terms[name] for block in blocks]) for name in blocks[0].reward_terms},
     )

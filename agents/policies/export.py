@@ -14,13 +14,13 @@ from agents.policies.base import PolicyNetwork
 from agents.policies.conversion import algorithm_of, network_of
 from agents.policies.errors import PolicyError
 from agents.policies.pickled import load_pickled
-from agents.policies.shipped import ShippedPolicy, entry_names, is_goal, standalone
+from agents.policies.shipped import ShippedPolicy, check_tracks, entry_names, is_goal, standalone
 from agents.policies.trained import read_trained
 from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import PolicyFiles, RunFolder
-from rj_gym import IDS
+from rj_gym.registry import making_arguments
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ def shipped_policy(
     network: PolicyNetwork, algorithm: str, environment: EnvConfig, name: str, training: Mapping[str, Any]
 ) -> ShippedPolicy:
     """The policy with this forward pass, without a score; raises PolicyError for a foreign environment."""
-    if environment.id not in IDS:
-        raise PolicyError("environment", environment.id, f"one of {', '.join(IDS)}")
+    check_tracks(environment.id)
     settings = standalone(environment.arguments()["config"])
     return ShippedPolicy(
         name=name,
@@ -116,7 +115,9 @@ def check_against_torch(policy: ShippedPolicy, model: BaseAlgorithm, normaliser:
 
     Raises PolicyError if it exceeds LARGEST_DIFFERENCE.
     """
-    envs = gymnasium.make_vec(policy.env_id, episodes, "vector_entry_point", config=policy.settings)
+    envs = gymnasium.make_vec(
+        policy.env_id, episodes, "vector_entry_point", **making_arguments(policy.env_id, policy.settings)
+    )
     observation, _ = envs.reset(seed=FIRST_SEED)
     policy.reset(episodes)
     state: Any = None

@@ -21,8 +21,8 @@ from agents.policies.layers import Vectors
 from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
-from rj_gym import IDS, settings_of
-from rj_gym.registry import registration_of, task_of, version_of
+from rj_gym import IDS, Terms
+from rj_gym.registry import making_arguments, registered_settings, registration_of, row_of, task_of
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.chain import AnyChain
@@ -48,7 +48,7 @@ class ShippedPolicy(Controller):
         name: of the policy.
         algorithm: of its training, "ppo" for example.
         network: its forward pass.
-        env_id: id of its environment, one of rj_gym.
+        env_id: id of its environment, one of rj_gym, or one that is registered elsewhere for a class of rj_gym.
         settings: of that environment, standalone.
         entries: of the observation vector, as entry_names gives them.
         training: plain values about its training: `config`, `steps`, `seed`, `versions`.
@@ -67,8 +67,7 @@ class ShippedPolicy(Controller):
     score: RecordedScore | None = None
 
     def __post_init__(self) -> None:
-        if self.env_id not in IDS:
-            raise PolicyError("environment", self.env_id, f"one of {', '.join(IDS)}")
+        check_tracks(self.env_id)
         size = len(task_of(self.settings).goal_bounds())
         inputs = {"achieved_goal": size, "desired_goal": size, "observation": len(self.entries)} if self.goal else {}
         if dict(self.network.inputs) != inputs or (not inputs and self.network.entries != len(self.entries)):
@@ -95,11 +94,11 @@ class ShippedPolicy(Controller):
     @property
     def environment(self) -> EnvConfig:
         """The environment that it was trained for, as agents.evaluation.rollout wants it."""
-        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
+        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | self._plain_settings())
 
     def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
         """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
-        return gymnasium.make(self.env_id, config=self.settings, **arguments)
+        return gymnasium.make(self.env_id, **making_arguments(self.env_id, self.settings), **arguments)
 
     @property
     def has_memory(self) -> bool:
@@ -166,12 +165,22 @@ class ShippedPolicy(Controller):
             raise PolicyError("score", None, "a policy that was scored when it was exported")
         return self.score_on(self.score.seeds)
 
+    def _plain_settings(self) -> dict[str, Any]:
+        """The settings as plain values, without the terms that an id registered elsewhere brings."""
+        return plain_settings(self.settings if self.env_id in IDS else replace(self.settings, terms=Terms()))
+
     def _check_version(self, settings: TaskConfig) -> None:
         """Raise PolicyError for settings of another version of environments, with other motors and sensors."""
-        row, version = registration_of(settings), version_of(self.env_id)
+        row, version = registration_of(settings), self._version
         if row is not None and row.version != version:
             hint = f"load_policy(name, version={row.version}) is for that one, where it ships."
             raise PolicyError("environment", row.env_id, f"{self.env_id}, as {self.name!r} was trained", hint)
+
+    @property
+    def _version(self) -> int:
+        """The version of the class of its environment."""
+        row = row_of(self.env_id)
+        return 0 if row is None else row.version
 
     def _check_entries(self, settings: TaskConfig, hint: str = "") -> None:
         names = entry_names(settings, self.goal)
@@ -182,7 +191,7 @@ class ShippedPolicy(Controller):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
-        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | plain_settings(self.settings)
+        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | self._plain_settings()
         return {
             "name": self.name,
             "algorithm": self.algorithm,
@@ -206,13 +215,25 @@ class ShippedPolicy(Controller):
             PolicyError: no policy file, a damaged one, or one with parts that do not fit together.
         """
         content, tensors = unpack(data, source)
+        if "steps" in content:
+            hint = "Load it where it lies in its run folder, or write such a file by rj export-policy RUN --name NAME."
+            raise PolicyError(source, "policy.safetensors of a run folder", "a file that rj export-policy wrote", hint)
         with located(source):
             return cls(**_fields(content, tensors))
 
 
+def check_tracks(env_id: str) -> None:
+    """Raise PolicyError unless the id is one of rj_gym's tracking tasks, or registered for the class of one."""
+    row = row_of(env_id)
+    if row is None or not row.tracks:
+        hint = "Import the module that registers it first, with an entry point in rj_gym."
+        raise PolicyError("environment", env_id, f"one of {', '.join(IDS)}", "" if row else hint)
+
+
 def is_goal(env_id: str) -> bool:
-    """Whether an id of rj_gym names the environment with goals."""
-    return IDS[env_id].endswith("Goal")
+    """Whether an id names an environment of rj_gym with goals."""
+    row = row_of(env_id)
+    return row is not None and row.has_goals
 
 
 def standalone(settings: TaskConfig) -> TaskConfig:
@@ -240,13 +261,15 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     mechanism = mechanism_from_dict(settings.pop("mechanism"))
     integer(0)("training.steps", training["steps"])
     env_id = text("environment.id", environment["id"])
-    kind = cast(type[TaskConfig], settings_of(env_id))
+    if env_id not in IDS:
+        EnvConfig(env_id)  # refuses code that is not allowed
+        check_tracks(env_id)
     return {
         "name": text("name", content["name"]),
         "algorithm": text("algorithm", content["algorithm"]),
         "network": network_in(content["network"], tensors),
         "env_id": env_id,
-        "settings": kind.from_dict(settings | {"mechanism": mechanism}),
+        "settings": cast(TaskConfig, registered_settings(env_id, settings | {"mechanism": mechanism})),
         "entries": tuple(environment["entries"]),
         "training": training,
         "score": None if content["score"] is None else RecordedScore(**content["score"]),

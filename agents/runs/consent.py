@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -85,6 +86,11 @@ def consent_of(arguments: argparse.Namespace) -> Consent:
     return Consent(getattr(arguments, "trust", False), tuple(modules))
 
 
+def import_options() -> str:
+    """The options --import of the modules that are allowed now, as a command that reads the run folder needs them."""
+    return "".join(f" --import {shlex.quote(module)}" for module in _given.modules)
+
+
 def check_pickles(*paths: Path) -> None:
     """Raise RunFolderError, unless pickles are allowed, if any of these files is there."""
     files = " and ".join(str(path) for path in paths if path.is_file())
@@ -96,7 +102,8 @@ def check_pickles(*paths: Path) -> None:
 def check_named(what: str, name: str, module: str) -> None:
     """Raise ConfigError for a name in a file that would have this module run, unless it is allowed."""
     if not any(f"{module}.".startswith(f"{allowed}.") for allowed in (*OWN, *_given.names)):
-        hint = f"That is code: to run it, add --import {module.partition('.')[0]} to the command."
+        top = module.partition(".")[0]
+        hint = f"That is code: to run it, add --import {top} to the command; in Python import it first."
         raise ConfigError(what, name, "a name of rj_gym's registry, or one of a module that the command imports", hint)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -19,6 +20,7 @@ from rollingjoint.errors import ConfigError
 if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
 
+    from rj_gym.registry import Registration
     from rj_gym.tracking.config import TaskConfig
 
 AT_THE_END, LAST_10 = "mean_mm", "last_10_mm"
@@ -54,24 +56,37 @@ class EnvConfig:
     def _check_code(self) -> None:
         """Raise ConfigError for the id of an environment in code that the command does not allow."""
         module, colon, name = self.id.rpartition(":")
-        if colon:
+        runs_nothing = module in sys.modules and name in gymnasium.registry
+        if colon and not runs_nothing:
             check_named("env.id", self.id, module)
+            with suppress(ImportError):  # Gymnasium says so when it makes the environment
+                import_module(module)
         for registered, spec in gymnasium.registry.items():
             is_meant = registered == name or registered.startswith(f"{name}-v")  # Gymnasium fills in the newest version
             if is_meant and isinstance(spec.entry_point, str):  # else it is of a module that was imported
                 check_named("env.id", self.id, spec.entry_point.partition(":")[0])
 
     @property
+    def registration(self) -> Registration | None:
+        """The row of rj_gym's table for its class; None for a class of another package."""
+        from rj_gym.registry import row_of
+
+        return row_of(self.id)
+
+    @property
     def is_ours(self) -> bool:
-        """Whether it is one of rj_gym."""
-        return self.id.startswith("rj_gym/")
+        """Whether its class is one of rj_gym, whoever registered the id."""
+        return self.id.startswith("rj_gym/") or self.registration is not None
 
     @property
     def is_tracking(self) -> bool:
         """Whether its task is to track a target, with a planar chain or an arm: these have baselines and floors."""
-        from rj_gym import IDS
+        return (row := self.registration) is not None and row.tracks
 
-        return self.id in IDS
+    @property
+    def is_built_in(self) -> bool:
+        """Whether rj_gym itself has registered the id."""
+        return (row := self.registration) is not None and row.env_id == self.id
 
     @property
     def judged_by(self) -> str:
@@ -81,19 +96,33 @@ class EnvConfig:
     @property
     def has_goals(self) -> bool:
         """Whether it is one of rj_gym's goal environments."""
-        from rj_gym import IDS
+        return (row := self.registration) is not None and row.has_goals
 
-        return self.is_ours and IDS.get(self.id, "").endswith("Goal")
+    @property
+    def is_native(self) -> bool:
+        """Whether many of it are stepped together by a vector environment of rj_gym."""
+        spec = _spec_of(self.id)
+        entry = None if spec is None or spec.additional_wrappers else spec.vector_entry_point
+        return isinstance(entry, str) and entry.partition(":")[0].partition(".")[0] == "rj_gym"
+
+    @property
+    def why_scalar(self) -> str:
+        """Why a registered vector environment is not used, one line; empty where it is, or where there is none."""
+        spec = _spec_of(self.id)
+        if spec is None or spec.vector_entry_point is None or self.is_native:
+            return ""
+        cause = "its vector_entry_point is a wrapper or not of rj_gym"
+        return f"{self.id}: scalar environments are stepped in turn, for {cause}."
 
     def arguments(self) -> dict[str, Any]:
         """Keyword arguments for gymnasium.make; raises ConfigError for settings the environment does not have."""
         if not self.is_ours:
             return dict(self.settings)
-        from rj_gym import settings_of
+        from rj_gym.registry import making_arguments, registered_settings
 
-        kind = settings_of(self.id)
         with prefixed("env.settings: "):
-            return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
+            config = registered_settings(self.id, copy.deepcopy(dict(self.settings)))
+        return making_arguments(self.id, config)
 
     @property
     def episode_steps(self) -> int | None:
@@ -106,8 +135,11 @@ class EnvConfig:
         return bool(self.arguments()["config"].lags)
 
     def complete_settings(self) -> dict[str, Any]:
-        """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
-        if not self.is_tracking:
+        """Plain settings with defaults written in and the mechanism as its numbers.
+
+        Of other ids than rj_gym's tracking tasks they are as given.
+        """
+        if not (self.is_tracking and self.is_built_in):
             return dict(self.settings)
         from rj_gym.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict
@@ -139,20 +171,17 @@ def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
 
 def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
     """A native vector environment of rj_gym with `count` copies; for ids without one, scalar ones stepped in turn."""
-    if not (config.is_ours or _is_native(config)):
+    if not config.is_native:
         return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
     with making(config):
         return gymnasium.make_vec(config.id, count, "vector_entry_point", **config.arguments(), **arguments)
 
 
-def _is_native(config: EnvConfig) -> bool:
-    """Whether an id that is registered elsewhere names a vector environment of rj_gym."""
-    module, _, name = config.id.rpartition(":")
-    if module:
-        import_module(module)  # as Gymnasium does for such an id; the command line has named it
-    spec = gymnasium.registry.get(name)
-    entry = None if spec is None else spec.vector_entry_point
-    return isinstance(entry, str) and entry.startswith("rj_gym:")
+def _spec_of(env_id: str) -> Any:
+    """The specification that an id is registered with in Gymnasium, or None."""
+    import rj_gym  # noqa: F401  (registers its ids)
+
+    return gymnasium.registry.get(env_id.rpartition(":")[2])
 
 
 @contextmanager

@@ -30,7 +30,7 @@ from rollingjoint.errors import ConfigError
 def make_training_env(config: EnvConfig) -> VecEnv:
     """The lanes that training steps together: a native vector environment, else scalar ones in turn."""
     envs: VecEnv
-    if config.is_ours:
+    if config.is_native:
         with making(config):
             envs = make_sb3_env(config.id, config.n_envs, **config.arguments())
     else:

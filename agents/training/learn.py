@@ -14,6 +14,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.runs.algorithms import ON_POLICY
 from agents.runs.config import TrainConfig
+from agents.runs.consent import import_options
 from agents.runs.files import RunFolderError, seal, unseal, write_text
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
@@ -87,6 +88,8 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
         f"{config.algorithm.upper()}, {config.total_timesteps} steps of {config.env.id}, {origin}into {run.path}",
         flush=True,
     )
+    if note := config.env.why_scalar:
+        print(f"note: {note}", file=sys.stderr)
     with StopOnSignal() as stop:
         try:
             _learn_and_save(model, config, run, stop, moment)
@@ -97,8 +100,8 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
     if stop.signal is not None:
         print(f"stopped by {stop.signal.name} after {model.num_timesteps} steps; the policy so far is saved.")
         if checkpoint.resumable(run):
-            print(f"To go on: rj train --resume {run.path}")
-    print(f"The run is in {run.path}\nNext: rj evaluate {run.path}")
+            print(f"To go on: rj train --resume {run.path}{import_options()}")
+    print(f"The run is in {run.path}\nNext: rj evaluate {run.path}{import_options()}")
     return 0 if stop.signal is None else 128 + stop.signal
 
 
@@ -142,5 +145,5 @@ def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> Train
         text += f"{error!r}; all of it is in {run.path}/error.txt"
     checkpoints = checkpoint.resumable(run)
     if checkpoints:
-        text += f". From step {checkpoint.steps_of(checkpoints[0])} on: rj train --resume {run.path}"
+        text += f". From step {checkpoint.steps_of(checkpoints[0])} on: rj train --resume {run.path}{import_options()}"
     return TrainingError(text)

@@ -22,7 +22,7 @@ Modules:
     solver: equilibria of an episode buffer's lanes.
     tangent: how a step answers its motors.
     task: the base of both tasks.
-    terms: own reward terms, observation entries, ends, targets and loads.
+    terms: own reward terms, observation entries, ends, targets, loads and memory.
     vector: the native vector environments.
     worlds: settings of worlds in which the tip is not seen, or late.
 """

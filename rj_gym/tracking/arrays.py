@@ -69,6 +69,7 @@ class Rules(NamedTuple):
     """Numbers that all lanes share, filled in TrackingTask.rules; scales as in the settings."""
 
     dimension: int  # coordinates of a position, 2 or 3
+    slips: bool  # whether joints are contacts: in space, another class of arrays for the solver
     action_scale: float  # mm
     length: float  # of the mechanism, mm
     command_scale: float  # mm

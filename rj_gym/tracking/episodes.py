@@ -155,10 +155,12 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             if draws.hardware is not None:
                 self.hardware.friction[:count] = self.solver.friction.law.tendons[:count, :, MU]
         self.solver.laws.low[:count], self.solver.laws.high[:count] = self.task.config.tension_range
+        if self._terms is not None:
+            self._terms.begin(count)
         observations = self._advance(count)
         readings[:, REWARDS] = 0.0
         if self._terms is not None:
-            readings[:, self._terms.rewards] = 0.0
+            self._terms.forget(count)
         return draws, observations
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
@@ -432,7 +434,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
 
 def _asked_for(results: Any) -> tuple[Array, Array]:
-    """How equilibria answer commands, and contacts, of results that have them; else none."""
+    """How equilibria answer commands, and contacts, of results that have the former; else none."""
+    if hasattr(results, "responses"):
+        return results.responses, results.contacts
     n_joints, m = results.joint_angles.shape[1], results.tensions.shape[1]
-    responses, contacts = np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))
-    return getattr(results, "responses", responses), getattr(results, "contacts", contacts)
+    return np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))

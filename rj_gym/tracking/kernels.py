@@ -41,6 +41,7 @@ from rollingjoint.compiled import (
     PENDING,
     Pinned,
     PinnedBatch,
+    PinnedContacts,
     PinnedHinges,
     borrow,
     call_range,
@@ -202,6 +203,8 @@ def _solve(rules, solver, problem, first, last):
         return last - first
     if rules.dimension == 2:
         return call_range(solver, problem, PinnedBatch, first, last)
+    if rules.slips:
+        return call_range(solver, problem, PinnedContacts, first, last)
     return call_range(solver, problem, PinnedHinges, first, last)
 
 

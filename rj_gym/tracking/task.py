@@ -100,7 +100,7 @@ class TrackingTask(Task):
     def applied_terms(self) -> AppliedTerms | None:
         """The settings' terms at work, None where there are none that take part in a step."""
         terms = self.config.terms
-        if not (terms.rewards or terms.ends or terms.observations):
+        if not terms.act:
             return None
         return AppliedTerms(terms, self._plain + self._truths, self.dimension, self.action_size)
 
@@ -298,7 +298,7 @@ class TrackingTask(Task):
     @property
     def columns(self) -> int:
         """How many columns readings have."""
-        return self._plain + self._truths + len(self._own_rewards) + len(self._own_ends) + self.friction_columns
+        return self._plain + self._truths + self.config.terms.width + self.friction_columns
 
     @property
     def friction_columns(self) -> int:
@@ -329,6 +329,7 @@ class TrackingTask(Task):
         low, high = (np.array([getattr(entry, side) for entry in entries]) for side in ("low", "high"))
         return Rules(
             dimension=self.dimension,
+            slips=self.mechanism.slips,
             action_scale=config.action_scale_mm,
             length=self.length,
             command_scale=config.command_scale_mm,

@@ -1,8 +1,12 @@
 """Own reward terms, observation entries, ends of episodes, targets and loads of the tracking tasks.
 
-`Terms` is a setting of every tracking environment. Its functions are called once per step, or once per reset, with all
-lanes at a time; a scalar environment is one lane. They may be compiled: `Step` and `Start` are NamedTuples of arrays,
-which functions under `numba.njit` take as they are.
+`Terms` is a setting of every tracking environment. Its functions get many lanes at a time: at a step all lanes, at a
+reset the ones that restart; a scalar environment is one lane. They may be compiled: `Step` and `Start` are NamedTuples
+of arrays, which functions under `numba.njit` take as they are.
+
+After every step, and at a reset after step 0, the update of the memory is called first, then the rewards, the ends and
+the observations, each in the order of its definition. The rewards and ends of step 0 are dropped. A function that keeps
+numbers from call to call needs a `Memory`: the rows of an array are the lanes of a call, and are no lane numbers.
 """
 
 from __future__ import annotations
@@ -53,6 +57,7 @@ class Step(NamedTuple):
     load_link: Array  # (B,)
     load_force: Array  # (B, d) N
     reward: Array  # (B,) the sum of the task's own terms
+    memory: Array  # (B, width) of a Memory, after its update; width 0 without one
 
 
 class Start(NamedTuple):
@@ -106,6 +111,34 @@ class Drawn:
 
 
 @dataclass(frozen=True)
+class Memory:
+    """Numbers of every lane that last from step to step of an episode.
+
+    They are part of the environment's state: an episode begins with the starting values, and get_state, set_state,
+    pickles and the checkpoints of a training have them.
+
+    Args:
+        start: the values before step 0, (width,).
+        update: of a Step whose memory is still the one of the step before; the values after this step, (B, width), or
+            (B,) where the width is 1. It is called once per step, step 0 included, before all other functions.
+    """
+
+    start: Sequence[float]
+    update: Callable[[Step], Array]
+
+    def __post_init__(self) -> None:
+        _check_function("memory", self.update)
+        allowed = "a list of at least one finite number"
+        try:
+            start = tuple(float(value) for value in self.start)
+        except (TypeError, ValueError):
+            raise ConfigError("start of a memory", self.start, allowed) from None
+        if not start or not all(map(math.isfinite, start)):
+            raise ConfigError("start of a memory", self.start, allowed)
+        object.__setattr__(self, "start", start)
+
+
+@dataclass(frozen=True)
 class Terms(Settings):
     """Additions to a tracking task's reward, observation, end, targets and loads.
 
@@ -121,6 +154,7 @@ class Terms(Settings):
             so that every target can be reached. Not together with targets.
         loads: forces at the origin of the loaded link, (B, 1 or T + 1, 2) [N]; of arms weights at the tip,
             (B, 1 or T + 1) [N].
+        memory: numbers that last from step to step, `memory` of a Step.
     """
 
     _SECTION = "terms."
@@ -131,6 +165,7 @@ class Terms(Settings):
     targets: Drawn | None = None
     target_tensions: Drawn | None = None
     loads: Drawn | None = None
+    memory: Memory | None = None
 
     def __post_init__(self) -> None:
         self._check(as_choice, "reward", choices=REWARDS)
@@ -152,6 +187,8 @@ class Terms(Settings):
         for name in ("targets", "target_tensions", "loads"):
             if not isinstance(getattr(self, name), Drawn | None):
                 raise ConfigError(f"terms.{name}", getattr(self, name), "Drawn(function, uniforms) or None")
+        if not isinstance(self.memory, Memory | None):
+            raise ConfigError("terms.memory", self.memory, "Memory(start, update) or None")
 
     @property
     def entries(self) -> list[Entry]:
@@ -162,6 +199,21 @@ class Terms(Settings):
         """Names and columns of readings of the terms of the reward and of the ends, from a first column on."""
         rewards = [(name, column) for column, name in enumerate(self.rewards, first)]
         return rewards, [(name, column) for column, name in enumerate(self.ends, first + len(rewards))]
+
+    @property
+    def act(self) -> bool:
+        """Whether any of the functions take part in steps."""
+        return bool(self.rewards or self.ends or self.observations or self.memory)
+
+    @property
+    def width(self) -> int:
+        """How many columns of readings the rewards, the ends and the memory need."""
+        return len(self.rewards) + len(self.ends) + len(self.start)
+
+    @property
+    def start(self) -> Sequence[float]:
+        """The starting values of the memory, none without one."""
+        return self.memory.start if self.memory else ()
 
     @property
     def uniforms(self) -> dict[str, tuple[int, ...]]:
@@ -187,15 +239,16 @@ class AppliedTerms:
     """The terms of a task at work on the arrays of an episode buffer.
 
     Args:
-        terms: the settings. first: the first of their columns in readings. dimension: of a position. n_tendons: m.
-
-    Attributes:
-        rewards: columns of readings with the terms of the reward.
+        terms: the settings. first: the first of their columns in readings, which are those of the rewards, the ends and
+            the memory. dimension: of a position. n_tendons: m.
     """
 
     def __init__(self, terms: Terms, first: int, dimension: int, n_tendons: int) -> None:
         self._terms, self._d, self._m = terms, dimension, n_tendons
-        self.rewards = slice(first, first + len(terms.rewards))
+        last = first + terms.width
+        self._rewards = slice(first, first + len(terms.rewards))
+        self._memory = slice(last - len(terms.start), last)
+        self._start = np.array(terms.start)
         self._low, self._high = (
             np.array([getattr(entry, side) for entry in terms.entries]) for side in ("low", "high")
         )
@@ -208,15 +261,25 @@ class AppliedTerms:
         """Work on these arrays from now on."""
         self._state, self._steps = state, {}
 
+    def begin(self, count: int) -> None:
+        """Give the first lanes the memory of new episodes, for their step 0."""
+        self._state.readings[:count, self._memory] = self._start
+
+    def forget(self, count: int) -> None:
+        """Set the terms of the reward to 0 in the first lanes, whose step 0 has been taken."""
+        self._state.readings[:count, self._rewards] = 0.0
+
     def apply(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Fill the own columns of the readings of the first lanes; their observations with the own entries.
+        """Update the memory and fill the own columns of the first lanes; their observations with the own entries.
 
         Raises:
             InvalidInput: a function that gives numbers of another shape, or that are not finite.
         """
         count, terms = len(observations), self._terms
-        readings, step, column = self._state.readings[:count], self._step(count), self.rewards.start
+        readings, step, column = self._state.readings[:count], self._step(count), self._rewards.start
         total: Array | float = 0.0
+        if terms.memory is not None:
+            readings[:, self._memory] = _remembered(terms.memory.update(step), step.memory.shape)
         for section, functions in (("rewards", terms.rewards), ("ends", terms.ends)):
             for name, function in functions.items():
                 values = _values(section, name, function(step), (count,))
@@ -260,6 +323,7 @@ class AppliedTerms:
             load_link=readings[:, LINK],
             load_force=readings[:, FORCE : FORCE + d],
             reward=readings[:, REWARD],
+            memory=readings[:, self._memory],
         )
         self._steps[count] = step = Step(*map(_read_only, views))
         return step
@@ -274,9 +338,20 @@ def _read_only(view: Array) -> Array:
 
 def _values(section: str, name: str, values: Any, shape: tuple[int, ...]) -> Array:
     """The values of a function as finite floats of a shape; raises InvalidInput."""
+    return _finite(f"terms.{section}[{name!r}]", np.asarray(values, float), shape)
+
+
+def _remembered(values: Any, shape: tuple[int, ...]) -> Array:
+    """The values of an update as finite floats (B, width), a column where there is one; raises InvalidInput."""
     array = np.asarray(values, float)
+    if array.ndim == 1 and shape[1] == 1:
+        array = array[:, None]
+    return _finite("terms.memory", array, shape)
+
+
+def _finite(name: str, array: Array, shape: tuple[int, ...]) -> Array:
     if array.shape != shape or not math.isfinite(array.sum()):
-        raise InvalidInput(f"terms.{section}[{name!r}]", array, f"finite numbers of shape {shape}")
+        raise InvalidInput(name, array, f"finite numbers of shape {shape}")
     return array
 
 

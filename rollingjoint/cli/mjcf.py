@@ -7,8 +7,11 @@ from pathlib import Path
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mujoco import accuracy, mjcf
+from rollingjoint.mujoco.coupling import Slides
+from rollingjoint.mujoco.space import couplings
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -26,5 +29,14 @@ def write(mechanism: AnyChain, path: Path, overwrite: bool) -> str:
     if path.exists() and not overwrite:
         raise InvalidInput("--mjcf", str(path), "a new file", "--overwrite replaces it.")
     path.write_text(text + "\n", encoding="utf-8")
-    exact = str(accuracy(mechanism)) if isinstance(mechanism, RollingChain) else "an arm, exactly"
-    return f"{path}: {exact}"
+    return f"{path}: {_exactness(mechanism)}"
+
+
+def _exactness(mechanism: AnyChain) -> str:
+    """How near the model comes, in words."""
+    if isinstance(mechanism, RollingChain):
+        return str(accuracy(mechanism))
+    if isinstance(mechanism, SpatialChain):
+        joints = couplings(mechanism)
+        return f"{sum(not isinstance(joint, Slides) for joint in joints)} of {len(joints)} joints exact"
+    return "an arm, exactly"

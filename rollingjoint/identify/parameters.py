@@ -141,12 +141,18 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
         if name in FRICTION and any(tendon.friction for tendon in measurements.mechanism.tendons):
             hint = "Give the mechanism a friction, and its tendons none."
             raise InvalidInput("parameters", word, "a mechanism whose tendons have no friction of their own", hint)
-        if KINDS[name].planar and not isinstance(measurements.mechanism, RollingChain):
+        if not _has(measurements.mechanism, name):
             raise InvalidInput("parameters", word, "parameters of arms, without " + name, "Only planar chains have it.")
         tendons = range(measurements.mechanism.n_tendons) if KINDS[name].per_tendon else (None,)
         runs = [run.name for run in measurements.runs] if colon else [None]
         coefficients += [Coefficient(name, tendon, run) for run in runs for tendon in tendons]
     return tuple(coefficients)
+
+
+def _has(mechanism: AnyChain, name: str) -> bool:
+    """Whether a mechanism has a parameter; rolling resistance is that of all chains with contacts."""
+    rolls = name == "rolling" and mechanism.slips
+    return rolls or not KINDS[name].planar or isinstance(mechanism, RollingChain)
 
 
 def values_in_run(coefficients: Sequence[Coefficient], values: Array, run: str, mechanism: AnyChain) -> dict[str, Any]:

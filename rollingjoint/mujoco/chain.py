@@ -41,16 +41,28 @@ def chain_mjcf(chain: RollingChain) -> str:
         body += described + _shape(chain, link) + _sites(chain, link)
         equalities += constraint
     body += '<site name="tip"/>'
+    paths = [[name for name, _, _ in _path(chain, j)] for j in range(chain.n_tendons)]
+    tendons = tendon_text(paths, chain.stiffnesses.tolist())
+    return model_text(body + "</body>" * chain.n_joints, equalities, *tendons)
+
+
+def tendon_text(paths: Sequence[Sequence[str]], stiffnesses: Sequence[float]) -> tuple[str, str]:
+    """Tendons through sites, and their motors; stiffnesses in N/mm."""
     tendons = motors = ""
-    for j, stiffness in enumerate(chain.stiffnesses):
-        through = "".join(f'<site site="{name}"/>' for name, _, _ in _path(chain, j))
+    for j, (path, stiffness) in enumerate(zip(paths, stiffnesses, strict=True)):
+        through = "".join(f'<site site="{name}"/>' for name in path)
         spring = f'stiffness="{1e3 * float(stiffness)!r}" springlength="0 {NEVER}"'
         tendons += f'<spatial name="t{j}" {spring}>{through}</spatial>'
         motors += f'<motor tendon="t{j}" gear="-1"/>'
+    return tendons, motors
+
+
+def model_text(body: str, equalities: str, tendons: str, motors: str) -> str:
+    """A weightless model without contacts."""
     return f"""<mujoco>
   <compiler angle="radian"/>
   <option timestep="{TIME_STEP}" integrator="implicitfast" gravity="0 0 0"><flag contact="disable"/></option>
-  <worldbody>{body}{"</body>" * chain.n_joints}</worldbody>
+  <worldbody>{body}</worldbody>
   <equality>{equalities}</equality>
   <tendon>{tendons}</tendon>
   <actuator>{motors}</actuator>
@@ -65,7 +77,7 @@ def _hinges(link: int, joint: Circles) -> tuple[str, str]:
         f'<joint name="j{link}" {HINGE} axis="0 0 1" pos="{numbers(np.append(first, 0.0))}" range="{low} {high}"/>'
         f'<joint name="j{link}b" {HINGE} axis="0 0 1" pos="{numbers(np.append(second, 0.0))}"/>'
     )
-    return described, _equality(f"j{link}b", f"j{link}", [0.0, float(joint.rates[1] / joint.rates[0]), 0.0, 0.0, 0.0])
+    return described, equality(f"j{link}b", f"j{link}", [0.0, float(joint.rates[1] / joint.rates[0]), 0.0, 0.0, 0.0])
 
 
 def _slides(link: int, joint: Slides) -> tuple[str, str]:
@@ -78,12 +90,13 @@ def _slides(link: int, joint: Slides) -> tuple[str, str]:
     low, high = np.array(joint.angles) - joint.rest[2]
     described += f'<joint name="j{link}" {HINGE} axis="0 0 1" range="{low} {high}"/>'
     return described, "".join(
-        _equality(f"j{link}{name}", f"j{link}", (1e-3 * powers).tolist())
+        equality(f"j{link}{name}", f"j{link}", (1e-3 * powers).tolist())
         for name, powers in zip("xy", joint.powers, strict=True)
     )
 
 
-def _equality(follower: str, leader: str, powers: Sequence[float]) -> str:
+def equality(follower: str, leader: str, powers: Sequence[float]) -> str:
+    """The constraint that keeps one joint at a polynomial of another, ascending powers."""
     polynomial = " ".join(map(repr, powers))
     return f'<joint joint1="{follower}" joint2="{leader}" polycoef="{polynomial}" {CONSTRAINT}/>'
 

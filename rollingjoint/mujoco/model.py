@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mujoco.arm import arm_mjcf
 from rollingjoint.mujoco.chain import chain_mjcf, couplings
-from rollingjoint.mujoco.coupling import Circles
+from rollingjoint.mujoco.coupling import Circles, Slides
+from rollingjoint.mujoco.space import couplings as couplings_in_space
+from rollingjoint.mujoco.space import space_mjcf
 
 Array = NDArray[np.float64]
 
@@ -39,7 +43,9 @@ class Accuracy:
 
 
 def mjcf(mechanism: AnyChain) -> str:
-    """The mechanism as MuJoCo's XML: an arm exactly, weightless; a planar chain with the error that accuracy() states.
+    """The mechanism as MuJoCo's XML, weightless: an arm exactly, a planar chain with the error that accuracy() states.
+
+    A chain in space is exact where circles roll; other surfaces are fitted as in the plane.
 
     Actuators are motors that pull the tendons with given tensions [N]. For given lengths set the second column of
     tendon_lengthspring to them [m]. docs/interchange.md shows both.
@@ -55,8 +61,10 @@ def mjcf(mechanism: AnyChain) -> str:
         raise InvalidInput("friction", mechanism.friction, "a mechanism without friction", hint)
     if isinstance(mechanism, RollingChain):
         return chain_mjcf(mechanism)
+    if isinstance(mechanism, SpatialChain):
+        return space_mjcf(mechanism)
     if not isinstance(mechanism, HingeChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm of beads")
+        raise InvalidInput("mechanism", mechanism, "a chain of rolling links or an arm of beads")
     if mechanism.model != "exact":
         raise InvalidInput("tendon model", mechanism.model, "'exact', of which MuJoCo's tendons are")
     return arm_mjcf(mechanism)
@@ -69,10 +77,17 @@ def positions(mechanism: AnyChain, joint_angles: ArrayLike) -> Array:
         InvalidInput: wrong number of joints, or numbers that are not finite.
     """
     phi = mechanism.per_joint("joint angles", joint_angles)
-    if not isinstance(mechanism, RollingChain):
+    if isinstance(mechanism, RollingChain):
+        joints: Sequence[Circles | Slides | None] = couplings(mechanism)
+    elif isinstance(mechanism, SpatialChain):
+        joints = couplings_in_space(mechanism)
+    else:
         return phi
     parts = []
-    for i, joint in enumerate(couplings(mechanism)):
+    for i, joint in enumerate(joints):
+        if joint is None:
+            parts.append(phi[..., i : i + 1])
+            continue
         scale = np.ones(2) if isinstance(joint, Circles) else np.array([1e-3, 1e-3, 1.0])
         parts.append(scale * joint.coordinates(phi[..., i]))
     return np.concatenate(parts, axis=-1)

@@ -1,6 +1,7 @@
-"""Pictures of spatial hinge chains in three dimensions; matplotlib is imported only when one is drawn.
+"""Pictures of chains in three dimensions; matplotlib is imported only when one is drawn.
 
-Lengths are in mm on all axes. Beads are tubes around the tendon holes; tendons are coloured by their tension.
+Lengths are in mm on all axes. Beads and links are tubes around the tendon holes; tendons are coloured by their tension,
+contact lines by their tilting margin.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain.equilibrium import EquilibriumInSpace
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
@@ -25,6 +27,11 @@ Array = NDArray[np.float64]
 
 _SIDES = 16  # of a bead
 _SLACK = 1e-9  # N
+_CONTACTS = (  # least share of the normal force that the tilting margin is, colour, text
+    (0.5, "#2ca02c", "contact line, both ends pressed"),
+    (0.0, "#ff9f1c", "contact line, one end pressed little"),
+    (-np.inf, "#d62728", "contact line, one end lifts"),
+)
 _FX, _SPRING = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("fx", "k"))
 _FORCE, _ANCHOR = slice(_FX, _FX + 3), slice(_SPRING + 1, _SPRING + 4)
 
@@ -35,19 +42,23 @@ def plot_arm(
     *,
     tendons: bool = True,
     loads: bool = True,
+    contacts: bool = True,
     label: str | None = None,
     color: str = LINK_COLOR,
     tension_range: tuple[float, float] | None = None,
 ) -> Axes3D:
-    """Axes with beads, tendons and forces drawn; draw several arms by passing the axes on.
+    """Axes with beads or links, tendons, forces and contact lines drawn; draw several arms by passing the axes on.
 
-    After a step with friction the gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
+    A contact line is green where the less pressed of its ends carries a quarter of the normal force or more, orange
+    where it carries less, red where it would lift; a dot marks the centre of pressure. After a step with friction the
+    gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
 
     Args:
         arm: an equilibrium, or a mechanism, which is drawn at rest.
         ax: 3-D axes to draw on; new ones when None.
         tendons: draw the tendons; dashed if slack, thin if of unknown tension.
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
+        contacts: draw the contact lines of an equilibrium with rolling contacts, coloured by their tilting margin.
         label: legend text of the beads.
         color: colour of the beads.
         tension_range: with friction, tensions at both ends of the colours [N]; taken from the equilibrium when None.
@@ -70,6 +81,8 @@ def plot_arm(
     if equilibrium is not None and loads:
         _draw_forces(ax, chain, equilibrium)
         _draw_springs(ax, equilibrium)
+    if contacts and isinstance(chain, SpatialChain) and isinstance(equilibrium, SpatialEquilibrium):
+        _draw_contacts(ax, chain, equilibrium)
     return _finish(ax)
 
 
@@ -143,6 +156,23 @@ def _draw_springs(ax: Axes3D, equilibrium: EquilibriumInSpace) -> None:
         T = equilibrium.poses[int(row[0])]
         ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[_ANCHOR]])
         ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[_SPRING]:.3g} N/mm")
+
+
+def _draw_contacts(ax: Axes3D, chain: SpatialChain, equilibrium: SpatialEquilibrium) -> None:
+    """Draws contact lines, and dots where the normal force acts on those that it presses on both ends."""
+    pressing = np.maximum(equilibrium.pressing_margins, _SLACK)
+    half_widths = np.array([joint.line for joint in chain.joints])
+    places = zip(equilibrium.contact_points, equilibrium.rotations[:-1], chain.axes, strict=True)
+    for i, (middle, rotation, axis) in enumerate(places):
+        if not np.isfinite(half_widths[i]):
+            continue
+        along, share = rotation @ axis, equilibrium.tilting_margins[i] / pressing[i]
+        color, text = next((color, text) for least, color, text in _CONTACTS if share >= least)
+        ends = np.array([middle - half_widths[i] * along, middle + half_widths[i] * along])
+        ax.plot(*ends.T, color=color, linewidth=2.5, label=text)
+        if share >= 0.0:
+            centre = middle + equilibrium.centres_of_pressure[i] * along
+            ax.plot(*centre[:, None], "o", color=color, markersize=4, markeredgecolor="black", markeredgewidth=0.5)
 
 
 def _finish(ax: Axes3D) -> Axes3D:

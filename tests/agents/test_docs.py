@@ -46,7 +46,7 @@ def run(command: str) -> int:
 def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch, no_pictures):
     for name in ("configs", "docs"):
         (tmp_path / name).symlink_to(Path(name).resolve())
-    for name, program in zip(("my_task", "my_controller"), blocks("python"), strict=False):
+    for name, program in zip(("reach", "my_controller"), blocks("python"), strict=False):
         (tmp_path / f"{name}.py").write_text(program)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -54,7 +54,7 @@ def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch,
     assert len(commands) >= 7
     assert [command for command in commands if run(command) != 0] == []
     assert "Corrected" in Path("runs/demo/corrected/report.md").read_text()
-    for name in ("my_task", "my_controller"):
+    for name in ("reach", "my_controller"):
         sys.modules.pop(name)
     gymnasium.registry.pop("mine/Reach-v0")
 

@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import gymnasium
 import pytest
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "your_task.md").read_text("utf-8")
@@ -11,6 +12,15 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "your_task.md").read_text
 
 def block(language):
     return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)[0]
+
+
+def test_the_examples_of_the_page_run_one_after_another(capsys):
+    names: dict = {}
+    for program in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
+        exec(program.replace("6_400", "640").replace("n_steps=50, batch_size=800", "n_steps=5, batch_size=320"), names)
+    gymnasium.registry.pop("my_lab/Swing-v0")
+    (output,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+    assert output in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ class Cuts(NamedTuple):
     R: np.ndarray  # (B, J + 1, 3, 3) orientations of the links
     origins: np.ndarray  # (B, J + 1, 3)
     axes: np.ndarray  # (B, J, 3) of the hinges in the base frame
+    pivots: np.ndarray  # (B, J, 3) the hinges, or contacts of links that roll
     above: np.ndarray  # (B, J, m, 3)
     pulls: np.ndarray  # (B, J, m, 3)
     gaps: np.ndarray  # (B, J, m)
@@ -32,6 +33,8 @@ class ArmGeometry:
         self.spacing = np.array([bead.spacing for bead in arm.beads])
         self.half = 0.5 * np.array([*(bead.gap for bead in arm.beads), arm.beads[-1].gap])
         self.axes = np.array([bead.axis for bead in arm.beads])
+        self.stiffnesses = np.array([bead.stiffness for bead in arm.beads])
+        self.rests, self.limits = arm.neutral_angles, np.array(arm.joint_limits).T
         self.ends = [tendon.end % arm.n_links for tendon in arm.tendons]
         self.crossed = np.arange(self.J)[:, None] < self.ends
         self.holes = [
@@ -71,7 +74,7 @@ class ArmGeometry:
                 pulls[:, i, j] = way / gaps[:, i, j, None]
                 turns[:, i, j, 0] = between(R[:, i, :, 2], -pulls[:, i, j])
                 turns[:, i, j, 1] = between(-pulls[:, i, j], R[:, i + 1, :, 2])
-        return Cuts(angles, R, origins, axes, above, pulls, gaps, turns)
+        return Cuts(angles, R, origins, axes, origins[:, :-1], above, pulls, gaps, turns)
 
     def lengths(self, cuts):
         """Tendon lengths, (B, m) [mm]."""
@@ -84,10 +87,10 @@ class ArmGeometry:
         for row in np.moveaxis(table, 1, 0):
             link = row[:, 0].astype(int)
             R, origin = cuts.R[rows, link], cuts.origins[rows, link]
-            at = origin + _times(R, row[:, 1:4])
-            pull = row[:, 4:7] + _times(R, row[:, 10:13]) + row[:, 16:17] * (row[:, 17:20] - at)
+            at = origin + times(R, row[:, 1:4])
+            pull = row[:, 4:7] + times(R, row[:, 10:13]) + row[:, 16:17] * (row[:, 17:20] - at)
             np.add.at(force, (rows, link), pull)
-            np.add.at(moment, (rows, link), np.cross(at, pull) + row[:, 7:10] + _times(R, row[:, 13:16]))
+            np.add.at(moment, (rows, link), np.cross(at, pull) + row[:, 7:10] + times(R, row[:, 13:16]))
         return force, moment
 
     def gap_tensions(self, cuts, motor, before, rolling):
@@ -98,10 +101,9 @@ class ArmGeometry:
         """(moment about the hinge that is not balanced, sum of its terms, None), (B, J) each."""
         force, moment = self.wrenches(table, cuts)
         beyond, about = (np.cumsum(part[:, :0:-1], axis=1)[:, ::-1] for part in (force, moment))
-        hinge = cuts.origins[:, :-1]
-        loads = about - np.cross(hinge, beyond)
-        levers = np.cross(cuts.above - hinge[:, :, None], tensions[..., None] * cuts.pulls)
-        bending = [bead.stiffness for bead in self.chain.beads] * (cuts.angles - self.chain.neutral_angles)
+        loads = about - np.cross(cuts.pivots, beyond)
+        levers = np.cross(cuts.above - cuts.pivots[:, :, None], tensions[..., None] * cuts.pulls)
+        bending = self.stiffnesses * (cuts.angles - self.rests)
         bending = bending + self.twists(cuts.angles, table)
         along = np.einsum("bia,bia->bi", loads + levers.sum(axis=2), cuts.axes)
         size = np.linalg.norm(about, axis=-1) + np.linalg.norm(levers, axis=-1).sum(axis=2) + np.abs(bending)
@@ -116,17 +118,16 @@ class ArmGeometry:
         return moment
 
     def energy(self, angles, table, tendon_energy):
-        """Potential energy at hinge angles, (B,); for dead forces and springs."""
+        """Potential energy at coordinates, (B,); for dead forces and springs."""
         cuts, rows = self.cuts(angles), np.arange(len(angles))
-        stiffness = np.array([bead.stiffness for bead in self.chain.beads])
         energy = tendon_energy(self.lengths(cuts))
-        energy = energy + 0.5 * (stiffness * (angles - self.chain.neutral_angles) ** 2).sum(axis=1)
+        energy = energy + 0.5 * (self.stiffnesses * (cuts.angles - self.rests) ** 2).sum(axis=1)
         for row in np.moveaxis(table, 1, 0):
             link = row[:, 0].astype(int)
-            at = cuts.origins[rows, link] + _times(cuts.R[rows, link], row[:, 1:4])
+            at = cuts.origins[rows, link] + times(cuts.R[rows, link], row[:, 1:4])
             energy = energy - np.einsum("ba,ba->b", row[:, 4:7], at)
             energy = energy + 0.5 * row[:, 16] * ((row[:, 17:20] - at) ** 2).sum(axis=1)
-            energy = energy + 0.5 * row[:, 20] * (angles[rows, link - 1] - row[:, 21]) ** 2
+            energy = energy + 0.5 * row[:, 20] * (cuts.angles[rows, link - 1] - row[:, 21]) ** 2
         return energy
 
 
@@ -142,5 +143,5 @@ def between(u, v):
     return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.einsum("...a,...a->...", u, v))
 
 
-def _times(R, vectors):
+def times(R, vectors):
     return np.einsum("bac,bc->ba", R, vectors)

@@ -8,9 +8,18 @@ from rollingjoint import (
     CapstanFriction,
     HingeChain,
     MechanismError,
+    PointHinge,
+    Profile,
+    RollingContact,
+    SpaceTendon,
+    SpatialChain,
+    Spring,
+    Surface,
     TorsionSpring,
     five_link,
     flexible_arm,
+    pitch_yaw,
+    pitch_yaw_two_segment,
     small_arm,
     two_segment,
     uniform,
@@ -83,6 +92,84 @@ def draw_arm(rng, with_friction):
             continue
         if np.all(np.diff(arm.joint_limits) > 0.05):
             return arm
+
+
+def draw_space(rng, with_friction):
+    """A chain in space of rolling contacts, hinges or both; most surfaces and holes differ from link to link."""
+    friction = draw_friction(rng, rolls=True) if with_friction else None
+    kind = rng.random()
+    if kind < 0.2:
+        n, spring = int(rng.integers(1, 9)), float(rng.choice([0.0, 2.0, 20.0]))
+        chain = pitch_yaw(n, joint_stiffness=spring) if kind < 0.1 else pitch_yaw_two_segment(n, 3)
+        return chain.replace(friction=friction)
+    while True:
+        try:
+            chain = _space_chain(rng, friction)
+        except MechanismError:  # holes that cross
+            continue
+        if np.all(np.diff(chain.joint_limits) > 1e-3):
+            return chain
+
+
+def _space_chain(rng, friction):
+    n = int(rng.integers(17, 33) if rng.random() < 0.1 else rng.integers(1, 9))
+    hinged = rng.random(n) < rng.choice([0.0, 0.4, 1.0], p=[0.5, 0.4, 0.1])
+    joints = [_space_hinge(rng) if each else _contact(rng) for each in hinged]
+    tendons, face = [], float(rng.choice([1.8, 2.5, 3.0]))
+    for angle in rng.uniform(0, 2 * np.pi, int(rng.integers(1, 7))):
+        end = int(rng.integers(1, n + 1))
+        if rng.random() < 0.3 and not hinged[0]:  # in the plane of the first joint's axis, face to face at its apex
+            angle = joints[0].azimuth + 0.5 * np.pi
+        scatter = rng.choice([0.0, 0.1]) * rng.normal(size=end + 1)
+        winding = angle + rng.choice([0.0, 0.3]) * np.arange(end + 1) + scatter
+        x, y = 2.5 * np.cos(winding), 2.5 * np.sin(winding)
+        z = np.full(end + 1, face)
+        holes = np.stack([np.stack([x, y, -z], -1), np.stack([x, y, z], -1)], axis=1)
+        tendons.append(SpaceTendon(holes, end, 10.0 ** rng.uniform(0.0, 2.0)))
+    link = int(rng.integers(1, n + 1))
+    springs = [TorsionSpring(link, rng.uniform(0.0, 30.0), 0.2 * rng.normal(), link - 1)] if rng.random() < 0.2 else []
+    if rng.random() < 0.2:
+        springs.append(Spring(link, 0.03, tuple(5.0 * rng.normal(size=3)), tuple(rng.normal(size=3))))
+    return SpatialChain(joints, tendons, name="space", friction=friction, springs=springs)
+
+
+def _space_hinge(rng):
+    axis = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    below, above = rng.normal([[0.0, 0.0, 3.2], [0.0, 0.0, -3.2]], 0.2)
+    limits = -rng.uniform(0.2, 1.5), rng.uniform(0.2, 1.5)
+    return PointHinge(axis, below, above, float(rng.choice([0.0, 3.0, 30.0])), 0.1 * rng.normal(), limits)
+
+
+def _contact(rng):
+    """Circles, cubics, curvatures that jump, or a relative curvature that nearly vanishes at one place."""
+    half = rng.uniform(0.5, 2.5)
+    limits = (-half, half)
+    child, parent = Profile.constant(-rng.uniform(0.1, 0.3), limits), Profile.constant(rng.uniform(0.0, 0.3), limits)
+    match rng.choice(["circles", "cubic", "jumps", "flat"]):
+        case "cubic":
+            child = Profile.polynomial([-rng.uniform(0.14, 0.25), *rng.normal(0.0, [0.006, 0.001])], limits)
+        case "jumps":
+            breaks = [-half, *np.sort(rng.uniform(-half, half, 2)), half]
+            child = Profile.piecewise_constant(breaks, -(10.0 ** rng.uniform(-3.0, 0.0, 3)))
+        case "flat":
+            s = np.unique([-half, rng.uniform(-half, half), half])
+            smallest, slope = 10.0 ** rng.uniform(-7.0, -3.0), 10.0 ** rng.uniform(-1.5, -0.5)
+            child, parent = Profile.samples(s, -smallest - slope * np.abs(s - s[1])), Profile.constant(0.0, limits)
+    tilts, sides = rng.choice([0.0, 0.1], 2) * rng.normal(size=2), rng.choice([0.0, 0.2], 2) * rng.normal(size=2)
+    surfaces = Surface(parent, (sides[0], -3.0), tilts[0]), Surface(child, (sides[1], 3.0), tilts[1])
+    azimuth = float(rng.choice([0.0, 0.5 * np.pi, rng.uniform(-np.pi, np.pi)]))
+    spring = float(rng.choice([0.0, 3.0, 30.0])), 0.1 * rng.normal()
+    return RollingContact(azimuth, *surfaces, 3.0, float(rng.choice([0.0, 0.3])), *spring)
+
+
+def draw_space_loads(rng, chain, rows, dead):
+    """A load table (B, rows of the table, columns): as on arms, weaker; now and then huge."""
+    table = draw_arm_loads(rng, chain, rows, dead)
+    factors = np.where(rng.random(rows) < 0.02, 1e3, 10.0 ** rng.uniform(-1.5, 0.0, rows))
+    table[:, :, 1:4] *= 0.3
+    table[:, :, 4:17] *= factors[:, None, None]
+    table[:, :, 20] *= 0.1
+    return table
 
 
 def draw_planar_loads(rng, chain, rows, dead):

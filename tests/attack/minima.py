@@ -22,7 +22,7 @@ class Row:
         self._law = case.inputs[row : row + 1], case.given
         self._stiffnesses = np.array([tendon.stiffness for tendon in case.mechanism.tendons])
         self._limits = case.limits
-        self.low, self.high = np.array(case.mechanism.joint_limits).T
+        self.low, self.high = geometry.limits
 
     def energy(self, at):
         """The potential energy [N·mm]."""

@@ -39,6 +39,7 @@ class PlanarGeometry:
         self.ends = [tendon.end % chain.n_links for tendon in chain.tendons]
         self.holes = [self._holes(j) for j in range(self.m)]
         self.crossed = np.arange(self.J)[:, None] < self.ends
+        self.limits = np.array(chain.joint_limits).T
 
     def _holes(self, j):
         """(parent hole, child hole) of links 0 to the end, (end + 1, 2, 2)."""
@@ -53,7 +54,7 @@ class PlanarGeometry:
     def coordinates(self, result):
         """Arc lengths at which the surfaces' tangents make the joint angles of the result, (B, J) [mm]."""
         s = np.array(result.arc_lengths)
-        low, high = np.array(self.chain.joint_limits).T
+        low, high = self.limits
         for i in range(self.J):
             child, parent = self.child[i], self.parent[i + 1]
             error = child.tangent(s[:, i]) - parent.tangent(s[:, i]) - result.joint_angles[:, i]

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
+from rollingjoint import HingeChain, RollingChain, SpatialChain, Status, solve_lengths_batch, solve_tensions_batch
 from tests.attack import drawing
 from tests.attack.arms import ArmGeometry
 from tests.attack.law import tendon_energy, tendon_tensions
 from tests.attack.minima import minimum
 from tests.attack.planar import PlanarGeometry
+from tests.attack.space import SpaceGeometry
 
 ROWS, HARD_ROWS = 8192, 512
 LONGEST_BATCH = 12.0  # s of processor time: 256 steps with friction of a taut arm of 32 hinges take 5
@@ -22,6 +23,14 @@ HARD = 0.3  # of the rounds with planar chains without friction
 MISSED = 4  # rows without an equilibrium, of one round, that the second solver looks at
 _LIMITS = ((0.0, np.inf), (0.0, 15.0), (0.5, 30.0))
 _AT_END = 1e-9  # rad
+_DRAWN = {
+    "planar": (drawing.draw_chain, drawing.draw_planar_loads),
+    "arm": (drawing.draw_arm, drawing.draw_arm_loads),
+    "space": (drawing.draw_space, drawing.draw_space_loads),
+}
+_SHARES = (0.4, 0.25, 0.35)
+_GEOMETRIES = {RollingChain: PlanarGeometry, HingeChain: ArmGeometry, SpatialChain: SpaceGeometry}
+_TITLES = {RollingChain: "planar chains", HingeChain: "arms", SpatialChain: "chains in space"}
 
 
 @dataclass
@@ -86,7 +95,10 @@ class _Recomputed:
             tensions = pick.gap_tensions
         torque, size, normal = self.geometry.imbalance(cuts, case.tables[rows], tensions, before)
         self._balance(found, pick, torque, size, clear)
-        if normal is not None:
+        if hasattr(self.geometry, "unbalanced"):
+            share = self.geometry.unbalanced(cuts, case.tables[rows], tensions, pick.reactions) / BALANCE
+            _note(found, "balance of links", ~(share.max(axis=1) <= 1.0) & clear, rows, share.max(axis=1))
+        elif normal is not None:
             forces = np.abs(normal - pick.contact_forces[..., 1]) / (1.0 + np.abs(normal))
             _note(found, "normal forces", (forces.max(axis=1) > 1e-6) & clear, rows, forces.max(axis=1))
         return found, int(clear.sum())
@@ -128,7 +140,7 @@ class _Rows:
 
 def limits_of(mechanism):
     """Smallest and largest angle of every joint, (J,) each [rad]."""
-    if hasattr(mechanism, "beads"):
+    if mechanism.dimension == 3:
         return np.array(mechanism.joint_limits).T
     ends = np.array([mechanism.joint_angles(s) for s in np.array(mechanism.joint_limits).T])
     return ends.min(axis=0), ends.max(axis=0)
@@ -136,10 +148,10 @@ def limits_of(mechanism):
 
 def draw(rng, family, with_friction=False):
     """A case without history, with every row usable."""
-    chain = (drawing.draw_chain if family == "planar" else drawing.draw_arm)(rng, with_friction)
+    mechanism, loads = _DRAWN[family]
+    chain = mechanism(rng, with_friction)
     given = str(rng.choice(["tensions", "lengths"]))
-    loads = drawing.draw_planar_loads if family == "planar" else drawing.draw_arm_loads
-    rows = max(256, ROWS * 4 // max(4, chain.n_joints) // (4 if family == "arm" or with_friction else 1))
+    rows = max(256, ROWS * 4 // max(4, chain.n_joints) // (4 if family != "planar" or with_friction else 1))
     tables = loads(rng, chain, rows, dead=rng.random() < 0.7)
     starts = np.repeat(np.array(chain.neutral_angles)[None], rows, axis=0)
     if rng.random() < 0.5:
@@ -155,9 +167,9 @@ def draw_hard(rng):
     return Case(chain, given, inputs, tables, starts, _LIMITS[rng.integers(3)])
 
 
-def cases(rng):
-    """(case, rows with unusable numbers) of one round; with friction a path of steps."""
-    family = "planar" if rng.random() < 0.65 else "arm"
+def cases(rng, family=None):
+    """(case, rows with unusable numbers) of one round, of that family or a random one; with friction a path."""
+    family = str(rng.choice(list(_DRAWN), p=_SHARES)) if family is None else family
     with_friction = bool(rng.random() < 0.35)
     if family == "planar" and not with_friction and rng.random() < HARD:
         case = draw_hard(rng)
@@ -186,10 +198,9 @@ def attack(rng, report):
         with report.limited("a batch", LONGEST_BATCH):
             result = case.solve()
         found, checked = case.faults(result, invalid)
-        family = "arms" if hasattr(case.mechanism, "beads") else "planar chains"
         report.count("solves", len(invalid))
         report.count("solves recomputed", checked)
-        kind = f"solves recomputed: {family}{'' if case.before is None else ' with friction'}"
+        kind = f"solves recomputed: {_TITLES[type(case.mechanism)]}{'' if case.before is None else ' with friction'}"
         report.count(kind, checked)
         for status in Status:
             report.count(f"status {status.name}", int(np.sum(np.asarray(result.status) == status)))
@@ -212,7 +223,6 @@ def again_alone(rng, case, result, report):
 
 def energies(rng, case, result, report):
     """Where there is a potential, no small step away from an equilibrium lowers it."""
-    spatial = hasattr(case.mechanism, "beads")
     rows = np.flatnonzero(np.asarray(result.status) == Status.CONVERGED)[:16]
     if not rows.size or not has_potential(case)[rows].all():
         return
@@ -222,12 +232,11 @@ def energies(rng, case, result, report):
     potential = tendon_energy(case.inputs[rows], case.given, stiffnesses, case.limits)
     at, tables = geometry.coordinates(pick), case.tables[rows]
     free = ((pick.joint_angles > low_high[0] + 1e-3) & (pick.joint_angles < low_high[1] - 1e-3)).all(axis=1)
-    ends = low_high if spatial else np.array(case.mechanism.joint_limits).T
     least, here = np.inf, geometry.energy(at, tables, potential)
     for step in (1e-3, 1e-4):
         way = step * rng.normal(size=at.shape)
         for sign in (1.0, -1.0):
-            there = geometry.energy(np.clip(at + sign * way, *ends), tables, potential)
+            there = geometry.energy(np.clip(at + sign * way, *geometry.limits), tables, potential)
             least = np.minimum(least, there - here)
     noise = 1e-9 * (1.0 + np.abs(here)) + 1e-9
     _report_lower(report, rows[free & (least < -noise)], case)
@@ -252,13 +261,13 @@ def missed(rng, case, result, report):
 
 def has_potential(case):
     """Rows on which no force turns with its link, (B,)."""
-    driving = case.tables[:, :, 7:16] if hasattr(case.mechanism, "beads") else case.tables[:, :, 5:7]
+    driving = case.tables[:, :, 7:16] if case.mechanism.dimension == 3 else case.tables[:, :, 5:7]
     return ~np.any(driving, axis=(1, 2))
 
 
 def geometry_of(mechanism):
     """What recomputes the mechanism from its description."""
-    return (ArmGeometry if hasattr(mechanism, "beads") else PlanarGeometry)(mechanism)
+    return _GEOMETRIES[type(mechanism)](mechanism)
 
 
 def _report_lower(report, rows, case):

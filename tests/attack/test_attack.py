@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rollingjoint import CapstanFriction, Status, five_link, small_arm
+from rollingjoint import CapstanFriction, Status, five_link, pitch_yaw, small_arm
 from rollingjoint.chain.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
 from tests.attack import environments, found, inputs, ledger, minima, signals, solves
@@ -34,7 +34,7 @@ def a_case(mechanism, given="tensions"):
     return solves.Case(mechanism, given, inputs, tables, starts, (0.0, np.inf))
 
 
-@pytest.mark.parametrize("mechanism", [five_link(), small_arm()], ids=lambda chain: chain.name)
+@pytest.mark.parametrize("mechanism", [five_link(), small_arm(), pitch_yaw(5)], ids=lambda chain: chain.name)
 @pytest.mark.parametrize(
     ("field", "change", "name"),
     [
@@ -53,8 +53,18 @@ def test_numbers_that_are_wrong_are_noticed(mechanism, field, change, name):
     assert name in case.faults(wrong, invalid)[0]
 
 
-def test_friction_with_another_history_is_noticed():
-    case = a_case(five_link().replace(friction=CapstanFriction(0.1, 0.05)), "lengths")
+@pytest.mark.parametrize("component", range(6))
+def test_a_reaction_that_is_wrong_is_noticed(component):
+    case, invalid = a_case(pitch_yaw(5)), np.zeros(ROWS, bool)
+    result = case.solve()
+    reactions = np.array(result.reactions)
+    reactions[..., component] += 1e-3
+    assert "balance of links" in case.faults(replace(result, reactions=reactions), invalid)[0]
+
+
+@pytest.mark.parametrize("mechanism", [five_link(), pitch_yaw(5)], ids=lambda chain: chain.name)
+def test_friction_with_another_history_is_noticed(mechanism):
+    case = a_case(mechanism.replace(friction=CapstanFriction(0.1, 0.05, rolling=0.1)), "lengths")
     begin = case.solve()
     case.before, case.starts = begin.friction_state, np.array(begin.joint_angles)
     case.inputs = case.inputs - 0.5
@@ -218,7 +228,7 @@ def test_an_equilibrium_that_only_the_second_solver_finds_is_a_failure(report):
     assert len(report.failures) == 1
 
 
-@pytest.mark.parametrize("mechanism", [five_link(), small_arm()], ids=lambda chain: chain.name)
+@pytest.mark.parametrize("mechanism", [five_link(), small_arm(), pitch_yaw(5)], ids=lambda chain: chain.name)
 @pytest.mark.parametrize("given", ["tensions", "lengths"])
 def test_the_second_solver_ends_where_the_solver_does(mechanism, given):
     case, rng = a_case(mechanism, given), np.random.default_rng(1)
@@ -232,6 +242,17 @@ def test_the_second_solver_ends_where_the_solver_does(mechanism, given):
         assert one.balances(at) and not one.balances(at + 0.05)
         best = minima.minimum(rng, case, geometry, row, at + 0.05)
         assert one.balances(best) and one.energy(best) <= one.energy(at) + 1e-7
+
+
+def test_draws_in_space_bring_rolling_mixed_and_hinged_chains_springs_and_tendons_that_end_early():
+    rng, kinds, names = np.random.default_rng(0), set(), set()
+    for _ in range(60):
+        chain = solves.drawing.draw_space(rng, False)
+        kinds.add(frozenset(type(joint).__name__ for joint in chain.joints))
+        names |= {chain.name, *(type(spring).__name__ for spring in chain.springs)}
+        names |= {"early"} if min(chain.last_links) < chain.n_joints else set()
+    assert len(kinds) == 3
+    assert names == {"pitch_yaw", "pitch_yaw_two_segment", "space", "Spring", "TorsionSpring", "early"}
 
 
 def test_hard_draws_bring_every_kind_of_chain(report):

@@ -360,7 +360,7 @@ def test_commands_of_the_page_on_policies_run(trained, tmp_path, monkeypatch, ca
     (tmp_path / "runs/demo").symlink_to(trained)
     monkeypatch.chdir(tmp_path)
     lines = [line for block in re.findall(r"```bash\n(.*?)```", page, re.S) for line in block.splitlines()]
-    commands = [shlex.split(line) for line in lines if line != "python benchmarks/tension_limit.py"]
+    commands = [shlex.split(line) for line in lines if not line.startswith("python benchmarks/tension_limit.py")]
     assert [command[:2] for command in commands] == [["rj", "export-policy"]] * 3
     assert [run(*command[2:], "--episodes", "2") for command in commands] == [0, 0, 0]
     assert {load_policy(path).name for path in (Path("mine.safetensors"), Path("exported/mine.safetensors"))} == {

@@ -196,7 +196,8 @@ def solved_by_both(chain, laws, tables, starts):
     arrays, designs = designs_of(chain, count)
     shape = count, chain.n_joints, chain.n_tendons
     fast, every = new_results(*shape), new_results(*shape)
-    PinnedRange(RollingChain.kernels, BatchArrays(arrays, designs, laws, tables, starts, fast))._solve(0, count)
+    side_by_side = PinnedRange(RollingChain.kernels, BatchArrays(arrays, designs, laws, tables, starts, fast))
+    side_by_side._solve(0, count)
     solve_lanes(arrays, designs, laws, tables, starts, every, np.arange(count))
     return fast, every
 

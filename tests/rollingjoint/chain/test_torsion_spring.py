@@ -113,7 +113,8 @@ def test_side_by_side_and_lane_by_lane_agree():
     starts, designs = np.repeat(FIVE.neutral_angles[None], 64, axis=0), np.zeros(64, np.int64)
     laws = TendonLaw(*(np.broadcast_to(values, (64, 2)).copy() for values in law_of(command)))  # writable, as compiled
     fast, slow = (BatchArrays(FIVE.arrays, designs, laws, tables, starts, new_results(64, 4, 2)) for _ in range(2))
-    assert PinnedRange(RollingChain.kernels, fast)._solve(0, 64) == 0
+    side_by_side = PinnedRange(RollingChain.kernels, fast)
+    assert side_by_side._solve(0, 64) == 0
     solve_lanes(*slow, np.arange(64))
     assert np.all(slow.results.status == 0)
     assert np.array_equal(fast.results.iterations, slow.results.iterations)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -12,7 +13,16 @@ matplotlib.use("Agg")
 
 from matplotlib import pyplot
 
-from rollingjoint import InvalidInput, Spring, WorldForce, five_link, small_arm, solve_tensions, solve_tensions_batch
+from rollingjoint import (
+    InvalidInput,
+    Spring,
+    WorldForce,
+    five_link,
+    pitch_yaw,
+    small_arm,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.plotting import plot_arm
 
 
@@ -52,6 +62,32 @@ def test_springs_are_dotted_lines_to_their_anchors():
         anchor
     )
     assert "spring 0.05 N/mm" in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+@pytest.mark.parametrize(
+    ("half_width", "color", "text"),
+    [
+        (4.0, "#2ca02c", "contact line, both ends pressed"),
+        (1.5, "#ff9f1c", "contact line, one end pressed little"),
+        (0.5, "#d62728", "contact line, one end lifts"),
+    ],
+)
+def test_contact_lines_have_the_colour_of_their_margin_and_a_dot_at_the_centre_of_pressure(half_width, color, text):
+    chain = pitch_yaw(3)
+    chain = chain.replace(joints=[replace(joint, half_width=half_width) for joint in chain.joints])
+    at = solve_tensions(chain, [3.0, 2.0, 2.0, 6.0])
+    lines = plot_arm(at, tendons=False).lines[1:]
+    drawn = [line for line in lines if line.get_label() == text]
+    assert drawn and {line.get_color() for line in drawn} == {color}
+    assert {"contact line, one end lifts"} & {line.get_label() for line in lines} == (
+        {text} if np.any(at.tilting_margins < 0.0) else set()
+    )
+    dots = [line for line in lines if line.get_marker() == "o"]
+    assert len(lines) - len(dots) == 3 and len(dots) == np.sum(at.tilting_margins >= 0.0)
+    ends = np.array(next(line for line in lines if line.get_marker() != "o").get_data_3d()).T
+    assert ends.mean(axis=0) == pytest.approx(at.contact_points[0])
+    assert np.abs(ends[1] - ends[0]) == pytest.approx([0.0, 2.0 * half_width, 0.0], abs=1e-9)
+    assert len(plot_arm(at, tendons=False, contacts=False).lines) == 1
 
 
 def test_a_mechanism_is_drawn_at_rest_and_beads_reach_around_their_holes():

@@ -1,0 +1,152 @@
+"""Chains in space: pictures of an equilibrium with its contact lines, of their margins, and an animation.
+
+Run: python examples/spatial_chains.py [--out DIR]
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import numpy as np
+from matplotlib import pyplot
+from PIL import Image
+
+import rollingjoint as rj
+from rollingjoint.plotting import plot_arm, save_figure
+from rollingjoint.tables import text_table
+
+SHARES = (1.0, 0.75, 0.5, 0.25)  # half width of the contact lines over the radius of the holes
+LOADS = {"no load": (0.0, 0.0), "0.3 N at the tip": (0.3, 0.0), "0.1 N and 3 N·mm": (0.1, 3.0)}
+POSES = 200
+FRICTION = 0.2
+FRAMES = 48
+PULL = [rj.WorldForce(-1, (0.0, 0.15, 0.0))]
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    out = parser.parse_args(argv).out
+    out.mkdir(parents=True, exist_ok=True)
+    counts = {share: {name: failures(with_half_width(share * 3.0), *load) for name, load in LOADS.items()}
+              for share in SHARES}  # fmt: skip
+    print("\n".join(table(counts)))
+    for name, figure in {"spatial": draw_chains(), "spatial_widths": draw_widths()}.items():
+        print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=80)}")
+        pyplot.close(figure)
+    print(f"wrote {animate(out / 'spatial.gif')}")
+
+
+def with_half_width(half_width: float) -> rj.SpatialChain:
+    """The preset pitch_yaw with contact lines of that half width [mm]."""
+    chain = rj.pitch_yaw()
+    return chain.replace(joints=[replace(joint, half_width=half_width) for joint in chain.joints])
+
+
+def failures(chain: rj.SpatialChain, force: float, torque: float) -> tuple[float, float]:
+    """Shares of random poses in which a contact line lifts at an end, or needs more friction than FRICTION."""
+    rng = np.random.default_rng(0)
+    tilts, slips = [], []
+    for pulls in np.exp(rng.uniform(np.log(2.0), np.log(8.0), (POSES, chain.n_tendons))):
+        ways = rng.normal(size=(2, 3))
+        push, twist = (ways.T / np.linalg.norm(ways, axis=1)).T * rng.uniform(0.0, 1.0, (2, 1)) * [[force], [torque]]
+        at = rj.solve_tensions(chain, pulls, [rj.WorldForce(-1, tuple(push), tuple(twist))])
+        if at.ok:
+            tilts.append(np.any(at.tilting_margins < 0.0))
+            slips.append(np.any(at.friction_required > FRICTION))
+    return float(np.mean(tilts)), float(np.mean(slips))
+
+
+def table(counts: dict[float, dict[str, tuple[float, float]]]) -> list[str]:
+    head = ["tensions 2 to 8 N", *(f"{share:g}" for share in SHARES)]
+    rows = [
+        [name, *(f"{100 * counts[share][name][0]:.0f} / {100 * counts[share][name][1]:.0f} %" for share in SHARES)]
+        for name in LOADS
+    ]
+    return [
+        f"Poses in which an end lifts / that need friction above {FRICTION:g}, by half width",
+        text_table(head, rows),
+    ]
+
+
+def draw_chains() -> pyplot.Figure:
+    """The two presets, bent by their tendons and loaded at the tip."""
+    one, two = rj.pitch_yaw(), rj.pitch_yaw_two_segment()
+    bent = [
+        rj.solve_tensions(one, [5.0, 3.0, 2.0, 3.5], PULL),
+        rj.solve_tensions(two, [2.0, 2.0, 5.0, 2.0, 6.0, 2.5, 2.0, 4.0], PULL),
+    ]
+    figure = pyplot.figure(figsize=(10, 5.6), layout="constrained")
+    for place, at in enumerate(bent, start=1):
+        ax = plot_arm(at, figure.add_subplot(1, 2, place, projection="3d"))
+        ax.set_title(at.mechanism.name)
+        ax.view_init(18, -60)
+    share_legend(figure)
+    return figure
+
+
+def draw_widths() -> pyplot.Figure:
+    """One equilibrium of three chains that differ in the width of their contact lines."""
+    figure = pyplot.figure(figsize=(11, 4.2), layout="constrained")
+    for place, share in enumerate((1.0, 0.5, 0.25), start=1):
+        at = rj.solve_tensions(with_half_width(share * 3.0), [6.0, 2.5, 2.0, 2.5], PULL)
+        ax = plot_arm(at, figure.add_subplot(1, 3, place, projection="3d"), tendons=False)
+        ax.set_title(
+            f"half width {share:g} × radius of the holes\nleast tilting margin {at.tilting_margins.min():.1f} N"
+        )
+        ax.view_init(18, -60)
+        ax.set_box_aspect(None, zoom=0.9)
+    share_legend(figure)
+    return figure
+
+
+def share_legend(figure: pyplot.Figure) -> None:
+    """One legend below all axes, without the tendons."""
+    handles = {}
+    for ax in figure.axes:
+        lines, texts = ax.get_legend_handles_labels()
+        handles |= {text: line for line, text in zip(lines, texts, strict=True) if not text.startswith("tendon")}
+        ax.get_legend().remove()
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), fontsize="small")
+
+
+def animate(path: Path) -> Path:
+    """The two-segment preset on a closed way of its tendon lengths, under a load at the tip."""
+    chain = rj.pitch_yaw_two_segment()
+    phases = 2.0 * np.pi * np.arange(FRAMES)[:, None] / FRAMES
+    ring = 0.5 * np.pi * np.arange(4)
+    swing = np.hstack([1.8 * np.cos(phases - ring), 4.0 * np.cos(2.0 * phases - ring - 0.25 * np.pi)])
+    equilibria = rj.trace(chain, chain.neutral_lengths - 0.3 + swing, PULL)
+    frames = []
+    for row in range(FRAMES):
+        figure = pyplot.figure(figsize=(5.2, 5.2))
+        ax = plot_arm(equilibria.row(row), figure.add_axes((0.0, 0.05, 0.92, 0.97), projection="3d"))
+        ax.get_legend().remove()
+        ax.set(xlim=(-50, 50), ylim=(-50, 50), zlim=(0, 120))
+        ax.set_box_aspect((100, 100, 120), zoom=1.1)
+        ax.view_init(18, -60)
+        frames.append(picture(figure))
+        pyplot.close(figure)
+    return save_frames(frames, path)
+
+
+def picture(figure: pyplot.Figure) -> Image.Image:
+    memory = BytesIO()
+    figure.savefig(memory, dpi=80, format="png")
+    return Image.open(memory).convert("RGB")
+
+
+def save_frames(frames: Sequence[Image.Image], path: Path) -> Path:
+    palette = frames[0].quantize(64)
+    first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=80, loop=0)
+    return path
+
+
+if __name__ == "__main__":
+    main()
