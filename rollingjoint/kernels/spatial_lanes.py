@@ -5,6 +5,7 @@ A block of theirs has the fields `state`, `law`, `loads`, `limits` and `springs`
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +46,13 @@ def sizes_of(batch):
 def lone_memory(layout: type, batch: Any) -> NDArray[np.float64]:
     """The memory of a single lane of a block of this class, for a batch."""
     (_, n_joints), rows, m = batch.starts.shape, batch.loads.shape[1], len(batch.chain.tendon_joints)
-    lengths = SpatialBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0)._asdict()
-    return aligned(np.zeros(size(layout, lengths) + 2))
+    return aligned(np.zeros(_lone_size(layout, SpatialBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0))))
+
+
+@functools.cache
+def _lone_size(layout: type, sizes: SpatialBlockSizes) -> int:
+    """Size of that memory; counted once, since that takes as long as a solve."""
+    return size(layout, sizes._asdict()) + 2
 
 
 @part(inline=True)
