@@ -42,7 +42,9 @@ def test_a_loop_is_that_of_the_library(capsys: pytest.CaptureFixture[str]) -> No
     assert loop["path"]["tip_mm"] == expected.path.tip.tolist()
 
 
-def test_friction_and_rolling_resistance_are_identified_from_tips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_friction_and_rolling_resistance_are_identified_from_tips(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rng, chain = np.random.default_rng(0), pitch_yaw(6)
     rubbed, at, steps = chain.replace(friction=CapstanFriction(0.12, rolling=0.05)), None, []
     for pulls in rng.uniform(2.0, 5.0, (8, 4)):
