@@ -1,8 +1,9 @@
-"""Score a controller of your own on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
+"""Score a controller of your own, or one of ours, on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
 
-NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one that
-makes a function from observations to actions. Its episodes go into a results file, which rj results merges with others,
-and a table compares it with the known results of the same episodes. docs/enter.md shows how.
+NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one
+that makes a function from observations to actions; without a file it is the name of an opponent. Its episodes go into
+a results file, which rj results merges with others, and a table compares it with the known results of the same
+episodes. docs/enter.md shows how.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from agents.runs.seeds import TEST, VALIDATION
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
+    from agents.controllers.controller import Controller
     from agents.results.record import Results, World
 
 SEEDS = {"test": TEST, "validation": VALIDATION}
@@ -31,7 +33,11 @@ PUBLISHED = Path("docs/results.json.gz")
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 scored, 2 an error."""
     parser = argparse.ArgumentParser(prog="rj enter", description="Score a controller of your own.")
-    parser.add_argument("controller", metavar="FILE.py:NAME", help="or MODULE:NAME: what makes the controller")
+    parser.add_argument(
+        "controller",
+        metavar="FILE.py:NAME",
+        help="or MODULE:NAME: what makes the controller, or an opponent such as 'probing bank'",
+    )
     parser.add_argument("--env", default="rj_gym/RollingJoint-v0", help="id of the environment (default %(default)s)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="setting of the environment, repeatable"
@@ -50,7 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    from agents.controllers.controller import load_controller
     from agents.results.entry import comparison_table, enter
     from agents.results.file import read_results, write_results
     from agents.results.merging import merged
@@ -62,10 +67,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
     name = arguments.name or arguments.controller.rpartition(":")[2]
-    controllers = {name: load_controller(arguments.controller)}
+    kind, controller = _controller(arguments.controller, env)
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
     world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
-    entered = enter(env, controllers, title, world, training_seed=arguments.training_seed, command=command)
+    entered = enter(env, {name: controller}, title, world, kind, training_seed=arguments.training_seed, command=command)
     others = None if arguments.alone else _others(arguments.beside, env, title, world)
     print(f"{env.id}, {len(seeds):,} {arguments.seeds} episodes, seeds {seeds[0]} to {seeds[-1]}, last 10 steps")
     print(comparison_table(entered, others, world))
@@ -74,6 +79,20 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         write_results(arguments.out, merged([*results, entered]))
         print(f"Entered in {arguments.out}")
     return 0
+
+
+def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
+    """Kind of the controller in results, and the controller itself."""
+    from agents.controllers.controller import load_controller
+    from agents.results.record import BASELINE, ENTRY
+    from agents.results.roster import opponents
+
+    if ":" in text:
+        return ENTRY, load_controller(text)
+    able, _ = opponents(env)
+    if text not in able:
+        raise ConfigError("controller", text, f"FILE.py:NAME or MODULE:NAME, or one of {', '.join(able)}")
+    return BASELINE, able[text]
 
 
 def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Results:

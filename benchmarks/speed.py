@@ -30,6 +30,7 @@ SECTIONS = (
     "long_chain",
     "friction",
     "arm",
+    "spatial",
     "scalar_env",
     "vector_env",
     "training",

@@ -3,8 +3,9 @@
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
 rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains with the
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
-arm with the tip not seen), versions -v1 of these last five with the motors of a rig, and rj_gym/CurvatureDesign-v0,
-which needs torch and is imported when it is first asked for.
+arm with the tip not seen), versions -v1 of these last five with the motors of a rig, rj_gym/PitchYaw-v0 (rolling joints
+about alternating axes in space), and rj_gym/CurvatureDesign-v0, which needs torch and is imported when it is first
+asked for.
 
 Modules:
     core: shared by all tasks.
@@ -35,6 +36,7 @@ from rj_gym.tracking.config import (
     GravityConfig,
     LoadConfig,
     PayloadConfig,
+    PitchYawConfig,
     RandomizationConfig,
     RewardConfig,
     TargetConfig,
@@ -52,6 +54,7 @@ from rj_gym.tracking.env import (
     InstrumentV1Env,
     LatePoseEnv,
     LatePoseV1Env,
+    PitchYawEnv,
     RollingJointEnv,
     RollingJointGoalEnv,
     SlowCameraEnv,
@@ -72,6 +75,7 @@ from rj_gym.tracking.vector import (
     InstrumentVectorEnv,
     LatePoseV1VectorEnv,
     LatePoseVectorEnv,
+    PitchYawVectorEnv,
     RollingJointGoalVectorEnv,
     RollingJointVectorEnv,
     SlowCameraV1VectorEnv,
@@ -146,6 +150,9 @@ __all__ = [
     "Observed",
     "ObservedError",
     "PayloadConfig",
+    "PitchYawConfig",
+    "PitchYawEnv",
+    "PitchYawVectorEnv",
     "RandomizationConfig",
     "RewardConfig",
     "RollingJointEnv",

@@ -84,6 +84,7 @@ _FIRST = tuple(
         ("RollingJointGoal", "planar", "TrackingConfig"),
         ("FlexibleArm", "arm", "FlexibleArmConfig"),
         ("FlexibleArmGoal", "arm", "FlexibleArmConfig"),
+        ("PitchYaw", "arm", "PitchYawConfig"),
         ("Instrument", "planar", "InstrumentConfig", "worlds"),
         ("InstrumentShift", "planar", "InstrumentShiftConfig", "worlds"),
         ("SlowCamera", "planar", "SlowCameraConfig", "worlds"),

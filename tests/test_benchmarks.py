@@ -239,6 +239,14 @@ def test_targets_of_the_arm_can_be_held_and_random_actions_end_nothing():
     assert arm_task.failures(arm_task.FlexibleArmVectorEnv(20, autoreset_mode="Disabled")) == 0
 
 
+def test_random_actions_on_the_instrument_in_space_end_nothing_and_payloads_move_its_tip():
+    import pitch_yaw_task
+
+    config = pitch_yaw_task.PitchYawConfig()
+    assert pitch_yaw_task.failures(config, 20) == 0
+    assert 2.0 < np.median(pitch_yaw_task.payload_shifts(config, 20)) < 6.0
+
+
 @pytest.mark.slow
 def test_every_opponent_of_a_world_is_timed(capsys):
     import opponents

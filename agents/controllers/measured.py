@@ -1,6 +1,6 @@
 """The model of a mechanism at its measurements, with or without an estimate of the load; one class per kind of chain.
 
-Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is the model's.
+Of a planar chain the poses of all links are measured. In space only the tip is: the pose is the model's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from agents.controllers.controller import HANGING, Array, Mask, Reading, restarted
 from agents.controllers.steps import choose
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import Equilibrium, HingeChain, HingeEquilibrium, RollingChain, solve_lengths_batch
+from rollingjoint import Equilibrium, HingeChain, RollingChain, SpatialChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.transmission import unstretched_length
@@ -129,7 +129,7 @@ def _joint_moments(mechanism: RollingChain, reading: Measurement) -> Array:
     return ((longer - shorter) / (2 * _TURN) @ reading.tensions[..., None])[..., 0]
 
 
-def hanging_loads(arm: HingeChain) -> Array:
+def hanging_loads(arm: HingeChain | SpatialChain) -> Array:
     """The load table of an arm's weights and of a payload of 1 N in the last row, both along HANGING."""
     payload = WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))
     return np.concatenate([spatial_load_table([load], arm.n_links) for load in (arm.gravity(HANGING), payload)])
@@ -151,18 +151,19 @@ class MeasuredArm:
 
     Args:
         task: with the mechanism, and the tension range.
-    """
 
-    stiffens = False  # co-contraction softens its hinges
+    Attributes:
+        stiffens: True where joints are contacts, which tensions hold together; they soften hinges.
+    """
 
     STEPS = 2  # of Gauss-Newton in every step of control
     TIP = 1.0  # mm: likely error of the model's tip
     TENSION = 0.05  # N: of a tension
-    TILT = 1.0  # rad: likely turn of gravity
-    PAYLOAD = 1.0  # N: likely payload
+    LIKELY = (1.0, 1.0, 1.0)  # rad, rad and N: turn of gravity, and payload
 
     def __init__(self, task: TrackingTask) -> None:
-        self.mechanism: HingeChain = task.mechanism
+        self.mechanism: HingeChain | SpatialChain = task.mechanism
+        self.stiffens = self.mechanism.slips
         self.nominal_loads = [self.mechanism.gravity(HANGING)]
         self.estimate = np.empty(0)
         self._rows = hanging_loads(self.mechanism)
@@ -178,20 +179,19 @@ class MeasuredArm:
         else:
             self._starts = restarted(self._starts, mask, np.tile(self.mechanism.neutral_angles, (len(mask), 1)))
 
-    def unloaded(self, reading: Reading) -> HingeEquilibrium:
+    def unloaded(self, reading: Reading) -> Solution:
         """The model under the commands and nominal gravity, its tendons elastic and at the measured tensions."""
         equilibria = solve_lengths_batch(self.mechanism, reading.commands, self.nominal_loads, self._starts)
         self._starts = equilibria.joint_angles
         elastic = np.broadcast_to(self.mechanism.stiffnesses, reading.tensions.shape)
         return replace(equilibria, tensions=reading.tensions, tendon_stiffness=elastic)
 
-    def loaded(self, reading: Reading) -> tuple[HingeEquilibrium, Array]:
+    def loaded(self, reading: Reading) -> tuple[Solution, Array]:
         """The model under the commands and the estimated loads, and these, (B, rows, columns)."""
         best, loads = self._under(reading, self.estimate)
         lowest = self._unlikely(reading, best, self.estimate)
         for _ in range(self.STEPS):
-            trial = np.clip(self.estimate + self._change(reading, best), -_LARGEST, _LARGEST)
-            trial[:, 2] = np.maximum(trial[:, 2], 0.0)
+            trial = self.possible(self.estimate + self._change(reading, best))
             equilibria, table = self._under(reading, trial, best)
             unlikely = self._unlikely(reading, equilibria, trial)
             better = unlikely < lowest
@@ -200,22 +200,26 @@ class MeasuredArm:
         self._starts = best.joint_angles
         return best, loads
 
+    def possible(self, estimate: Array) -> Array:
+        """The nearest estimates within their bounds, (B, 3): payloads are 0 or more."""
+        nearest = np.clip(estimate, -_LARGEST, _LARGEST)
+        nearest[:, 2] = np.maximum(nearest[:, 2], 0.0)
+        return nearest
+
     def tables(self, estimate: Array) -> Array:
         """Load tables (B, rows, columns) of the estimates (B, 3): the weights and the payload along gravity."""
         turn = np.linalg.norm(estimate[:, :2], axis=1, keepdims=True)
         direction = np.concatenate([estimate[:, :2] * np.sinc(turn / np.pi), np.cos(turn)], axis=1)
         return loads_along(self._rows, direction, estimate[:, 2])
 
-    def _under(
-        self, reading: Reading, estimate: Array, near: HingeEquilibrium | None = None
-    ) -> tuple[HingeEquilibrium, Array]:
+    def _under(self, reading: Reading, estimate: Array, near: Solution | None = None) -> tuple[Solution, Array]:
         """The model under the commands and these loads, and their tables."""
         tables, starts = self.tables(estimate), self._starts if near is None else near.joint_angles
         return solve_lengths_batch(self.mechanism, reading.commands, tables, starts), tables
 
-    def _change(self, reading: Reading, equilibrium: HingeEquilibrium) -> Array:
+    def _change(self, reading: Reading, equilibrium: Solution) -> Array:
         """The Gauss-Newton step of the estimate, (B, 3)."""
-        misses, prior = self._misses(reading, equilibrium), 1.0 / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        misses, prior = self._misses(reading, equilibrium), 1.0 / np.array(self.LIKELY)
         columns = []
         for unknown in range(3):
             shifted, _ = self._under(reading, self.estimate + _STEP * np.eye(3)[unknown], equilibrium)
@@ -225,18 +229,47 @@ class MeasuredArm:
         slope = np.einsum("bim,bi->bm", rates, misses) + prior**2 * self.estimate
         return -np.linalg.solve(square, slope[..., None])[..., 0]
 
-    def _misses(self, reading: Reading, model: HingeEquilibrium) -> Array:
+    def _misses(self, reading: Reading, model: Solution) -> Array:
         """Model minus measured tip and tensions, in units of their likely errors, (B, 3 + m)."""
         return np.concatenate([model.tip - reading.tip, model.tensions - reading.tensions], axis=1) / self._spreads
 
-    def _unlikely(self, reading: Reading, model: HingeEquilibrium, estimate: Array) -> Array:
+    def _unlikely(self, reading: Reading, model: Solution, estimate: Array) -> Array:
         """The cost of an estimate, (B,)."""
-        deviation = estimate / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        deviation = estimate / np.array(self.LIKELY)
         cost = np.sum(self._misses(reading, model) ** 2, axis=1) + np.sum(deviation**2, axis=1)
         return np.where(model.ok, cost, np.inf)
 
 
-MODELS: dict[type, Callable[[TrackingTask], MeasuredModel]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+class MeasuredTube(MeasuredArm):
+    """A chain in space without weight under its commands; every step refines the force at its tip (3) [N].
+
+    Args:
+        task: with the mechanism, and the tension range.
+    """
+
+    LIKELY = (0.3, 0.3, 0.3)  # N
+
+    def possible(self, estimate: Array) -> Array:
+        """The nearest estimates within their bounds, (B, 3)."""
+        return np.clip(estimate, -_LARGEST, _LARGEST)
+
+    def tables(self, estimate: Array) -> Array:
+        """Load tables (B, rows, columns) of the forces (B, 3)."""
+        tables = np.repeat(self._rows[None], len(estimate), axis=0)
+        tables[:, -1, _FORCE] = estimate
+        return tables
+
+
+def measured_in_space(task: TrackingTask) -> MeasuredArm:
+    """The model of a SpatialChain: with weights it hangs as an arm."""
+    return MeasuredArm(task) if task.mechanism.weights.any() else MeasuredTube(task)
+
+
+MODELS: dict[type, Callable[[TrackingTask], MeasuredModel]] = {
+    RollingChain: MeasuredChain,
+    HingeChain: MeasuredArm,
+    SpatialChain: measured_in_space,
+}
 
 
 def measured_by(task: TrackingTask) -> MeasuredModel:

@@ -14,7 +14,7 @@ from agents.controllers.kernels import cross_play
 from agents.controllers.measured import hanging_loads, loads_along, measured_equilibrium
 from agents.controllers.steps import FeedbackSettings, pulling_in, tensions_within_margin
 from rj_gym.tracking.observation import load_scale
-from rollingjoint import HingeChain, RollingChain, solve_lengths_batch
+from rollingjoint import HingeChain, RollingChain, SpatialChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.transmission import pull_limit
 
@@ -64,11 +64,12 @@ def _limits(reading: Reading) -> Array:
 
 
 def _joint_angles(reading: Reading) -> Array:
-    """True ones, (B, n - 1) [rad]: of hinges, or of links that turn by less than half a turn against each other."""
+    """True ones, (B, n - 1) [rad]; in the plane of links that turn by less than half a turn against each other."""
     assert reading.task is not None
-    links = range(1, reading.task.mechanism.n_links)
-    if isinstance(reading.task.mechanism, HingeChain):
-        return privileged(reading, *(f"hinge {k - 1} angle" for k in links))
+    mechanism = reading.task.mechanism
+    links = range(1, mechanism.n_links)
+    if mechanism.dimension == 3:
+        return privileged(reading, *(f"{mechanism.joint} {k - 1} angle" for k in links))
     cos, sin = (privileged(reading, *(f"link {k} {f} angle" for k in links)) for f in ("cos", "sin"))
     turns = np.diff(np.arctan2(sin, cos), axis=1, prepend=0.0)
     return np.asarray((turns + np.pi) % (2 * np.pi) - np.pi)
@@ -96,10 +97,10 @@ def true_chain(reading: Reading, truth: Truth) -> Solution:
 
 
 def true_arm(reading: Reading, truth: Truth) -> Solution:
-    """The nominal arm under the true commands and loads, its tendons elastic and at the true tensions."""
+    """The nominal chain in space under the true commands and loads, its tendons elastic and at the true tensions."""
     assert reading.task is not None
     mechanism, config = reading.task.mechanism, reading.task.config
-    assert isinstance(mechanism, HingeChain)
+    assert isinstance(mechanism, HingeChain | SpatialChain)
     gravity = privileged(reading, *(f"gravity {axis}" for axis in "xyz"))
     payloads = privileged(reading, "payload")[:, 0]
     loads = loads_along(hanging_loads(mechanism), gravity, load_scale(config) * payloads)
@@ -109,7 +110,11 @@ def true_arm(reading: Reading, truth: Truth) -> Solution:
     return replace(equilibria, tensions=truth.tensions, tendon_stiffness=elastic)
 
 
-TRUE_MODELS: dict[type, Callable[[Reading, Truth], Solution]] = {RollingChain: true_chain, HingeChain: true_arm}
+TRUE_MODELS: dict[type, Callable[[Reading, Truth], Solution]] = {
+    RollingChain: true_chain,
+    HingeChain: true_arm,
+    SpatialChain: true_arm,
+}
 
 
 class PrivilegedFeedback(JacobianFeedback):

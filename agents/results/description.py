@@ -15,7 +15,6 @@ from rj_gym.tracking.config import (
     RandomizationConfig,
     TaskConfig,
 )
-from rollingjoint import HingeChain
 
 
 def description(config: TaskConfig) -> str:
@@ -24,9 +23,8 @@ def description(config: TaskConfig) -> str:
     path = f"follows a path through {config.target.waypoints} points"
     way = "goes to a fixed target" if config.target.process == "fixed" else path
     start = "random tensions" if config.start == "random" else f"tensions of {config.start_tension:g} N"
-    parts = f"{mechanism.n_joints} beads" if isinstance(mechanism, HingeChain) else f"{mechanism.n_links} links"
     sentences = [
-        f"Mechanism {mechanism.name or 'without a name'} ({parts}, {mechanism.n_tendons} tendons, "
+        f"Mechanism {mechanism.name or 'without a name'} ({mechanism.parts}, {mechanism.n_tendons} tendons, "
         f"{mechanism.length:g} mm): the tip {way} in {config.episode_steps} steps of at most "
         f"{config.action_scale_mm:g} mm of each tendon, from {start}.",
         *(_arm_loads(config) if isinstance(config, FlexibleArmConfig) else _loads(config)),

@@ -28,9 +28,14 @@ TASKS = {  # of the results page, by the stem of the classes
     "FlexibleArm": ("flexible_arm",),
     "FlexibleArmGoal": ("flexible_arm",),
     "ArmInstrument": ("arm_instrument",),
+    "PitchYaw": (),
     "CurvatureDesign": (),
 }
 TASKS |= {row.stem: () for row in TABLE if row.version}
+PICTURES = {  # of environments without a task: file and caption
+    "PitchYaw": ("pitch_yaw_environment.gif", "A test episode of a policy."),
+    "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
+}
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}
 TITLE = "# {name}\n\n`{env_id}`"
@@ -121,15 +126,15 @@ def linked(text: str) -> str:
 
 def moving(row: Registration) -> str:
     """The picture that stands for an environment; of all versions that of the first."""
-    tasks = TASKS[row.stem.removesuffix(f"V{row.version}")]
-    return f"results_{tasks[0]}.gif" if tasks else "design_environment.png"
+    stem = row.stem.removesuffix(f"V{row.version}")
+    return f"results_{TASKS[stem][0]}.gif" if TASKS[stem] else PICTURES[stem][0]
 
 
 def caption(row: Registration) -> str:
     """What the picture shows."""
     if row.version:
         return "Best, median and worst test episode of a policy in version 0."
-    return f"{'Best, median and worst test episode' if TASKS[row.stem] else 'First and last design'} of a policy."
+    return "Best, median and worst test episode of a policy." if TASKS[row.stem] else PICTURES[row.stem][1]
 
 
 def pictures(row: Registration) -> str:

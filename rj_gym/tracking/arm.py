@@ -1,4 +1,4 @@
-"""The task of arms in space: random episodes, gravity and payload, target frames, pictures."""
+"""The task of arms and other chains in space: random episodes, gravity and payload, target frames, pictures."""
 
 from __future__ import annotations
 
@@ -29,22 +29,24 @@ from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.render import ArmCanvas, ArmScene
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 Array = NDArray[np.float64]
 
-_FX, _PZ = SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("pz")
+_FX, _PX = SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("px")
+Arm = HingeChain | SpatialChain
 _COLUMNS = [0, 3, 6, 1, 4, 7]  # of a rotation matrix, row by row: its first two columns
 
 
 class ArmTask(TrackingTask):
-    """The tip of a hanging arm, under gravity of an unknown direction and an unknown payload."""
+    """The tip of a chain in space, such as a hanging arm, under gravity of unknown direction and an unknown payload."""
 
     dimension: ClassVar[int] = 3
     own_columns: ClassVar[int] = OWN
     LOAD_COLUMNS: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     config: FlexibleArmConfig
-    mechanism: HingeChain
+    mechanism: Arm
 
     def __init__(self, config: FlexibleArmConfig) -> None:
         super().__init__(config)
@@ -74,8 +76,8 @@ class ArmTask(TrackingTask):
             payloads=payloads(config.load, uniforms)
             if config.terms.loads is None
             else own_series(config, "loads", uniforms, mechanisms, ()),
-            hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
-            weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
+            hinge_stiffnesses=of_lanes([arm.joint_stiffnesses for arm in mechanisms], designs),
+            weights=of_lanes([arm.weights for arm in mechanisms], designs),
         )
 
     def own_uniforms(self) -> tuple[Shapes, Shapes]:
@@ -84,12 +86,12 @@ class ArmTask(TrackingTask):
         joints = (self.mechanism.n_joints,)
         return {"gravity": (2,)} | loads, {"hinge": joints, "weight": joints}
 
-    def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
+    def weight_rows(self, arm: Arm, gravity: Array) -> Array:
         """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, columns)."""
         rows = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))
         rows[:, 0] = np.append(np.arange(1, arm.n_links), arm.n_links - 1)
-        rows[:-1, _PZ] = [-0.5 * bead.spacing for bead in arm.beads]
-        rows[:-1, _FX : _FX + 3] = np.array([bead.weight for bead in arm.beads])[:, None] * gravity
+        rows[:-1, _PX : _PX + 3] = arm.centres
+        rows[:-1, _FX : _FX + 3] = arm.weights[:, None] * gravity
         return rows
 
     def load_tables(self, episodes: ArmDraws, step: int) -> Array:
@@ -236,7 +238,7 @@ class ArmDraws(TrackingDraws):
     Args:
         gravity: direction of gravity in the base frame, unit vectors (B, 3).
         payloads: weight at the tip, (B, 1 or T + 1) [N].
-        hinge_stiffnesses: (B, n - 1) [N·mm/rad]. weights: of the beads, (B, n - 1) [N].
+        hinge_stiffnesses: of the joints, (B, n - 1) [N·mm/rad]. weights: of the moving links, (B, n - 1) [N].
     """
 
     gravity: Array
@@ -266,8 +268,8 @@ def _pose_scale(mm: float, rad: float) -> list[float]:
 
 
 def _mechanisms(
-    randomization: ArmRandomizationConfig, nominal: HingeChain, uniforms: Uniforms, fixed: TrackingOptions
-) -> tuple[tuple[HingeChain, ...], NDArray[np.int64]]:
+    randomization: ArmRandomizationConfig, nominal: Arm, uniforms: Uniforms, fixed: TrackingOptions
+) -> tuple[tuple[Arm, ...], NDArray[np.int64]]:
     """Mechanisms and designs of ArmDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:

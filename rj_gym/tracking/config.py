@@ -15,6 +15,7 @@ from rj_gym.tracking.sensing import PRIVILEGED, ActuationConfig, SensingConfig, 
 from rj_gym.tracking.terms import Terms
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING
@@ -490,3 +491,28 @@ class FlexibleArmConfig(TaskConfig):
     def sees_all(self) -> bool:
         """Whether all that sensors can measure of the pose is observed: of an arm, that is the tip."""
         return self.sensing.pose != "none"
+
+
+@dataclass(frozen=True)
+class PitchYawConfig(FlexibleArmConfig):
+    """A slender instrument in space, of rolling joints about alternating axes, held at any attitude.
+
+    The settings are those of FlexibleArmConfig with other defaults: gravity, along which the payload pulls, has any
+    direction, and a joint counts as a hinge.
+
+    Args:
+        mechanism: preset name, mechanism file, or a SpatialChain.
+        load, target, reward, randomization, gravity: nested settings, each also a dictionary.
+    Raises:
+        ConfigError: a value out of range, with the range.
+    """
+
+    MECHANISM: ClassVar[type] = SpatialChain
+    MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of a chain in space, or a SpatialChain"
+    mechanism: Any = "pitch_yaw_two_segment"
+    action_scale_mm: float = 0.5
+    command_scale_mm: float = 10.0
+    load: PayloadConfig = field(default_factory=lambda: PayloadConfig(magnitude=(0.0, 0.2)))
+    target: ArmTargetConfig = field(default_factory=lambda: ArmTargetConfig(tension_range=(2.0, 8.0)))
+    reward: ArmRewardConfig = field(default_factory=lambda: ArmRewardConfig(error_scale_mm=10.0, goal_tolerance_mm=2.0))
+    gravity: GravityConfig = field(default_factory=lambda: GravityConfig(tilt=(0.0, math.pi)))

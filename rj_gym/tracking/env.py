@@ -10,7 +10,7 @@ from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.settings import Settings
 from rj_gym.core.task import Task
 from rj_gym.tracking.arm import ArmTask
-from rj_gym.tracking.config import FlexibleArmConfig, TrackingConfig
+from rj_gym.tracking.config import FlexibleArmConfig, PitchYawConfig, TrackingConfig
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.planar import PlanarTask
 from rj_gym.tracking.worlds import (
@@ -352,6 +352,53 @@ class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
     ## Version history
     * v0: first version.
     """
+
+
+class PitchYawEnv(FlexibleArmEnv):
+    """Bring the tip of a slender instrument in space to a target: as FlexibleArmEnv, with these differences.
+
+    A tube of n - 1 rolling joints about pitch and yaw axes in turn, m tendons, length L (112 mm, 14 joints and m = 8
+    for the default one, in two segments of four tendons each, whose tip fills space). Its links have no weight by
+    default; the payload pulls along gravity, which has any direction, as of an instrument that is held at any attitude.
+
+    ## Action space
+    As FlexibleArmEnv, in units of 0.5 mm.
+
+    ## Observation space
+    `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.observation_entries` lists them.
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | tip x, tip y, tip z | where the tip is | L | -2 | 2 |
+    | tendon j command | commanded length minus neutral, j = 0 ... m - 1 | `command_scale_mm` (10 mm) | -2 | 2 |
+    | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (15 N) | 0 | 1 |
+    | target x, target y, target z | where the tip should be now | L | -2 | 2 |
+    | tip error x, tip error y, tip error z | target minus measured tip | `error_scale_mm` (10 mm) | -10 | 10 |
+
+    With `orientation` and `observe_load` more entries as in FlexibleArmEnv. With `sensing={"pose": "none"}` nobody sees
+    the tip: there are neither tip nor tip error.
+
+    ## Reward
+    As FlexibleArmEnv, with an `error_scale_mm` of 10 mm.
+
+    ## Start
+    Drawn per episode: a target, the tip of an equilibrium without payload at tensions from 2 to 8 N (`target`); the
+    payload, a dead force at the tip along gravity, uniform from 0 to 0.2 N (`load`); the direction of gravity, uniform
+    over the sphere (`gravity`). Tensions of 3 N (`start_tension`) set the instrument without payload; the tendons are
+    locked there and the payload applied. The tip of a mechanism with four tendons moves on a surface, off which the
+    payload pushes it: `target={"loaded": True}` draws targets under the payload.
+
+    ## Info
+    As FlexibleArmEnv; the privileged state has "joint i angle" in place of "hinge i angle".
+
+    ## Arguments
+    As FlexibleArmEnv, with PitchYawConfig, and a SpatialChain as its `mechanism`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = PitchYawConfig
 
 
 class ArmInstrumentEnv(FlexibleArmEnv):

@@ -434,7 +434,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
 
 def _asked_for(results: Any) -> tuple[Array, Array]:
-    """How equilibria answer commands, and contacts, of results that have them; else none."""
+    """How equilibria answer commands, and contacts, of results that have the former; else none."""
+    if hasattr(results, "responses"):
+        return results.responses, results.contacts
     n_joints, m = results.joint_angles.shape[1], results.tensions.shape[1]
-    responses, contacts = np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))
-    return getattr(results, "responses", responses), getattr(results, "contacts", contacts)
+    return np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))

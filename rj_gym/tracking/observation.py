@@ -64,7 +64,9 @@ def privileged_entries(config: TaskConfig, mechanism: Any) -> list[Entry]:
     if config.DIMENSION == 2:
         rates = (Entry(f"tip {axis} by tendon {j}", "mm/mm", -RATE_BOUND, RATE_BOUND) for axis in "xy" for j in tendons)
         return [*_link_entries(range(1, mechanism.n_links)), *hidden, *truth, *rates]
-    angles = [Entry(f"hinge {i} angle", "rad", -ANGLE_BOUND, ANGLE_BOUND) for i in range(mechanism.n_joints)]
+    angles = [
+        Entry(f"{mechanism.joint} {i} angle", "rad", -ANGLE_BOUND, ANGLE_BOUND) for i in range(mechanism.n_joints)
+    ]
     return [*position_entries("tip", config), *_frame_entries("tip"), *hidden, *angles, *truth]
 
 

@@ -26,6 +26,7 @@ from rj_gym.rendering import (
 )
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.outline import link_outline, to_world
+from rollingjoint.chain.spatial import SpatialChain
 
 if TYPE_CHECKING:
     import pygame
@@ -34,12 +35,12 @@ Array = NDArray[np.float64]
 _Piece = tuple[float, list[tuple[Array, Color]]]  # depth, polygons in pixels
 
 _AZIMUTH, _ELEVATION = -0.55, 0.3  # of the camera [rad]
-_SIDES = 20  # of a bead
+_SIDES = 20  # of a link
 _FLOOR = 1.12  # height of the floor below the base, in lengths
 _GRAVITY: Color = (120, 90, 160)
 _FLOOR_GRID: Color = (226, 229, 233)
 _SHADOW: Color = (222, 225, 230)
-_DARK: Color = (128, 141, 160)  # beads in the shade, and in full light
+_DARK: Color = (128, 141, 160)  # links in the shade, and in full light
 _BRIGHT: Color = (238, 242, 248)
 _TO_LIGHT = np.array([-0.45, 0.62, 0.64])  # right, up, towards the viewer
 
@@ -173,7 +174,7 @@ class ArmCanvas(TrackingCanvas):
     Points in space are seen from above the horizon, with z downwards.
     """
 
-    def __init__(self, arm: HingeChain) -> None:
+    def __init__(self, arm: HingeChain | SpatialChain) -> None:
         super().__init__(arm.length)
         self._scale = SUPERSAMPLING * SIZE[1] / (1.5 * arm.length)
         self._origin = np.array([0.45 * SIZE[0], 0.1 * SIZE[1]]) * SUPERSAMPLING
@@ -182,7 +183,7 @@ class ArmCanvas(TrackingCanvas):
         near, up = np.array([-right[1], right[0], 0.0]), np.array([0.0, 0.0, -1.0])
         c, s = np.cos(_ELEVATION), np.sin(_ELEVATION)
         self._view = np.array([right, c * up - s * near, s * up + c * near])  # right, up, towards the viewer
-        self._radius = max(float(np.hypot(*hole)) for tendon in arm.tendons for hole in tendon.holes)
+        self._radius = arm.hole_radius
 
     def draw(self, scene: ArmScene) -> pygame.Surface:
         """The scene at the picture's size."""
@@ -190,7 +191,7 @@ class ArmCanvas(TrackingCanvas):
         self._floor(scene)
         self.path(scene.targets, self._seen)
         self._arm(scene)
-        self._plate(scene.mechanism.beads[0].gap)
+        self._plate(scene.mechanism.base_height)
         if len(scene.trail) > 1:
             self.trail(self._seen(scene.trail), BACKGROUND)
         self._frames(scene)
@@ -222,9 +223,9 @@ class ArmCanvas(TrackingCanvas):
         self.line(below(scene.target + ring), 0.7, faint)
         self.disc(below(scene.tip), 1.6, blend(BACKGROUND, INK, 0.5))
 
-    def _plate(self, gap: float) -> None:
-        """The plate from which the arm hangs; seen from above, it hides where the arm begins."""
-        half, low_side = max(1.2 * self._radius, min(2.6 * self._radius, 0.1 * self._length)), -0.5 * gap
+    def _plate(self, low_side: float) -> None:
+        """The plate from which the arm hangs, down to this z; seen from above, it hides where the arm begins."""
+        half = max(1.2 * self._radius, min(2.6 * self._radius, 0.1 * self._length))
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
         heights = low_side, low_side - 0.02 * self._length
         low, high = (np.append(corners, np.full((4, 1), z), axis=1) for z in heights)
@@ -239,8 +240,8 @@ class ArmCanvas(TrackingCanvas):
         self.line([*top, top[0]], 0.4, EDGE)
 
     def _arm(self, scene: ArmScene) -> None:
-        """Backbone, beads and tendons, the farthest first."""
-        pieces = list(self._beads(scene))
+        """Backbone, links and tendons, the farthest first."""
+        pieces = list(self._bodies(scene))
         for j, line in enumerate(scene.mechanism.tendon_polyline(scene.poses)):
             for part, tension in scene.tendon_parts(j, line, from_hole=False):
                 pieces += self._strips(part, 0.8, tension_color(tension, scene.tension_range))
@@ -248,15 +249,12 @@ class ArmCanvas(TrackingCanvas):
             for outline, color in polygons:
                 self.fill_pixels(outline, color)
 
-    def _beads(self, scene: ArmScene) -> Iterator[_Piece]:
+    def _bodies(self, scene: ArmScene) -> Iterator[_Piece]:
         """Tubes in the light, from hole to hole, and the visible backbone between them."""
-        beads, R, origins = scene.mechanism.beads, scene.poses[1:, :3, :3], scene.poses[1:, :3, 3]
-        gaps, spacings = np.array([(bead.gap, bead.spacing) for bead in beads]).T
+        ends, R, origins = scene.mechanism.body_ends, scene.poses[1:, :3, :3], scene.poses[1:, :3, 3]
         turns = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
         out = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1) @ np.swapaxes(R, 1, 2)
-        centres = [
-            origins + end[:, None] * R[..., 2] for end in (0.5 * gaps - spacings, -0.5 * np.append(gaps[1:], 0.0))
-        ]
+        centres = [origins + end[:, None] * R[..., 2] for end in ends.T]
         upper, lower = (self._pixels(self._seen(self._radius * out + centre[:, None])) for centre in centres)
         normals, axes = 0.5 * (out[:, 1:] + out[:, :-1]) @ self._view.T, R[..., 2] @ self._view.T
         depths = 0.5 * (centres[0] + centres[1]) @ self._view[2]

@@ -12,7 +12,7 @@ from rj_gym.tracking.arrays import BOUND, GAIN, IN_PLAY, LIMIT, MOTOR, STAYS, ST
 from rj_gym.tracking.motors import AT_LIMIT
 from rj_gym.tracking.solver import LaneSolver
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.chain.batch import free_joints, stiffnesses
+from rollingjoint.chain.batch import free_joints, stiffnesses, tip_rates
 from rollingjoint.transmission import at_limit, pull_limit
 
 Array = NDArray[np.float64]
@@ -116,9 +116,9 @@ def _rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -
 
 
 def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array | None:
-    """The rates of arms by the implicit function theorem: a linear system costs less than forward differences.
+    """The rates of chains in space by the implicit function theorem: a linear system costs less than differences.
 
-    None where arms cannot be solved together, and at the edge of buckling.
+    None where they cannot be solved together, and at the edge of buckling.
     """
     batches = solver.batches()
     if len(batches) > 1:
@@ -135,13 +135,6 @@ def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held:
         return None
     lengths = np.swapaxes(results.rates, 1, 2) @ turns
     tensions = results.elastic[..., None] * (lengths - eye)
-    tips = _tip_rates(batches[0]) @ turns
+    tips = tip_rates(task.mechanism.kernels, batches[0]) @ turns
     rates = np.concatenate([tips, tensions, lengths, tips[:, : len(task.pictured)]], axis=1)
     return np.where(valid[:, None, None], rates, 0.0)
-
-
-def _tip_rates(solved: Any) -> Array:
-    """d tip / d joint angle of arms, (B, 3, J) [mm/rad]."""
-    poses, axes = solved.results.poses, solved.chain.axes[solved.designs]
-    turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
-    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - poses[:, :-1, :3, 3]), 1, 2)

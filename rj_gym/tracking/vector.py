@@ -17,6 +17,7 @@ from rj_gym.tracking.env import (
     InstrumentV1Env,
     LatePoseEnv,
     LatePoseV1Env,
+    PitchYawEnv,
     RollingJointEnv,
     RollingJointGoalEnv,
     SlowCameraEnv,
@@ -80,6 +81,12 @@ class FlexibleArmGoalVectorEnv(GoalTaskVectorEnv, FlexibleArmVectorEnv):
     """`num_envs` independent FlexibleArmGoalEnv in one batch; everything else as FlexibleArmVectorEnv."""
 
     scalar: ClassVar[type[TaskEnv]] = FlexibleArmGoalEnv
+
+
+class PitchYawVectorEnv(FlexibleArmVectorEnv):
+    """`num_envs` independent PitchYawEnv in one batch; everything else as FlexibleArmVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = PitchYawEnv
 
 
 class ArmInstrumentVectorEnv(FlexibleArmVectorEnv):

@@ -111,6 +111,14 @@ def free_joints(batch: Any) -> NDArray[np.bool_]:
     return strictly_within(batch.results.joint_angles, low, high)
 
 
+def tip_rates(kernels: Kernels, batch: Any) -> Array:
+    """d tip / d joint angle of solved rows of chains in space, (B, 3, J) [mm/rad]."""
+    poses, axes = batch.results.poses, batch.chain.axes[batch.designs]
+    pivots = getattr(batch.results, kernels.pivots) if kernels.pivots else poses[:, :-1, :3, 3]
+    turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
+    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - pivots), 1, 2)
+
+
 def solve_batch(
     kind: type[AnyChain],
     mechanism: Any,

@@ -42,6 +42,7 @@ class Kernels:
             starts: joint angles, (B, J) [rad]; results: from `new_results`. All arrays are contiguous.
         new_results: empty outputs of (rows, joints, tendons).
         torques: the output that holds d residual / d tension without friction.
+        pivots: the output that holds the points about which joints turn; "": the origins of the links below.
         pinned_batch: NamedTuple of a batch and the memory of `memory`; address for both kernels below.
         solve, solve_alone: of (address, first, last), eight rows side by side or one by one; number of rows left.
         memory: of a batch, the memory in which a batch of one row is solved.
@@ -59,6 +60,7 @@ class Kernels:
     step: Any = None
     most_joints: int = 0
     most_with_friction: int = 0
+    pivots: str = ""
 
 
 class Chain(ABC, Generic[S]):

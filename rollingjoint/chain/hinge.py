@@ -224,12 +224,12 @@ class HingeChain(Chain[HingeEquilibrium]):
             weights: factors of the beads' weights, 0 or more, (n - 1,).
         """
         beads = tuple(
-            _with(bead, stiffness=bead.stiffness * hinge, weight=bead.weight * weight)
+            with_values(bead, stiffness=bead.stiffness * hinge, weight=bead.weight * weight)
             for bead, hinge, weight in zip(self.beads, hinges.tolist(), weights.tolist(), strict=True)
         )
         strings = zip(self.tendons, tendons.tolist(), strict=True)
-        varied_tendons = tuple(_with(tendon, stiffness=tendon.stiffness * factor) for tendon, factor in strings)
-        varied = _with(self, beads=beads, tendons=varied_tendons)
+        varied_tendons = tuple(with_values(tendon, stiffness=tendon.stiffness * factor) for tendon, factor in strings)
+        varied = with_values(self, beads=beads, tendons=varied_tendons)
         for derived in ("stiffnesses", "spares"):
             varied.__dict__.pop(derived, None)
         varied.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
@@ -283,6 +283,26 @@ class HingeChain(Chain[HingeEquilibrium]):
                 points += [hinge[:3, :3] @ np.array(at) + hinge[:3, 3] for at in (upper, lower)]
             lines.append(np.array(points))
         return lines
+
+    @property
+    def weights(self) -> Array:
+        """Of the beads, (n - 1,) [N]."""
+        return np.array([bead.weight for bead in self.beads], float)
+
+    @property
+    def centres(self) -> Array:
+        """Where the weights of the beads act, in the frames of their links, (n - 1, 3) [mm]."""
+        return np.array([(0.0, 0.0, -0.5 * bead.spacing) for bead in self.beads])
+
+    @property
+    def joint_stiffnesses(self) -> Array:
+        """Of the hinges, (n - 1,) [N·mm/rad]."""
+        return np.array([bead.stiffness for bead in self.beads], float)
+
+    @property
+    def base_height(self) -> float:
+        """Highest z of the holes of the base, for pictures [mm]."""
+        return -0.5 * self.beads[0].gap
 
     @cached_property
     def hole_radius(self) -> float:
@@ -352,7 +372,7 @@ def checked_load_table(loads: Sequence[Load], axes: Sequence[Any]) -> Array:
     return table
 
 
-def _with(part: _P, **values: object) -> _P:
+def with_values(part: _P, **values: object) -> _P:
     """A copy of a frozen object with other, unchecked values; it shares all cached values."""
     changed = copy(part)
     changed.__dict__.update(values)

@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import joint_table, se3
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
-from rollingjoint.chain.hinge import CLOSED, checked_load_table, open_range
+from rollingjoint.chain.hinge import CLOSED, checked_load_table, open_range, with_values
 from rollingjoint.chain.joint_table import JointTable
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.chain.tendon import SpaceTendon
 from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
+from rollingjoint.kernels.contact_lanes import memory_alone, solve_contacts_alone, solve_contacts_pinned
 from rollingjoint.kernels.contacts import (
     ContactBatchArrays,
     ContactJoints,
@@ -31,6 +32,7 @@ from rollingjoint.kernels.contacts import (
     spatial_poses_of,
 )
 from rollingjoint.kernels.joints import BUCKET_ENDS, CLOSED_GAP, N_COEFFICIENTS, aligned
+from rollingjoint.kernels.lanes import MOST_JOINTS
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load
 from rollingjoint.profile import Surface
 
@@ -375,9 +377,12 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         batch_arrays=ContactBatchArrays,
         new_results=new_contact_results,
         torques="torques",
+        pivots="contacts",
         pinned_batch=PinnedContacts,
-        most_joints=0,
-        most_with_friction=0,
+        solve=solve_contacts_pinned,
+        solve_alone=solve_contacts_alone,
+        memory=memory_alone,
+        most_joints=MOST_JOINTS,
     )
 
     joints: Sequence[SpatialJoint]
@@ -443,6 +448,11 @@ class SpatialChain(Chain[SpatialEquilibrium]):
     def hole_radius(self) -> float:
         """Largest distance of a hole from the z axis of its link [mm]."""
         return float(max(np.hypot(points[..., 0], points[..., 1]).max() for points in self.hole_points))
+
+    @property
+    def base_height(self) -> float:
+        """Highest z of the holes of the base, for pictures [mm]."""
+        return float(max(points[0, 1, 2] for points in self.hole_points))
 
     @cached_property
     def body_ends(self) -> Array:
@@ -517,9 +527,51 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         joined = ContactJoints(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
         return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
 
+    def scaled(self, joints: Array, tendons: Array, weights: Array) -> SpatialChain:
+        """A copy with multiples of the stiffnesses and weights; the geometry is taken over, not computed anew.
+
+        Args:
+            joints: positive factors of the joints' stiffnesses, (n - 1,).
+            tendons: positive factors of the tendons' stiffnesses, (m,).
+            weights: factors of the weights of the moving links, 0 or more, (n - 1,).
+        """
+        varied_joints = zip(self.joints, joints.tolist(), strict=True)
+        strings = zip(self.tendons, tendons.tolist(), strict=True)
+        loaded = zip(self.links, [1.0, *weights.tolist()], strict=True) if self.links else ()
+        varied = with_values(
+            self,
+            joints=tuple(with_values(joint, stiffness=joint.stiffness * factor) for joint, factor in varied_joints),
+            tendons=tuple(with_values(tendon, stiffness=tendon.stiffness * factor) for tendon, factor in strings),
+            links=tuple(with_values(link, weight=link.weight * factor) for link, factor in loaded),
+        )
+        for derived in ("stiffnesses", "spares"):
+            varied.__dict__.pop(derived, None)
+        varied.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * joints)
+        return varied
+
+    @property
+    def weights(self) -> Array:
+        """Of the moving links, (n - 1,) [N]."""
+        return np.array([link.weight for link in self._bodies[1:]])
+
+    @property
+    def centres(self) -> Array:
+        """Where the weights of the moving links act, in the frames of their links, (n - 1, 3) [mm]."""
+        return np.array([link.centre for link in self._bodies[1:]])
+
+    @property
+    def joint_stiffnesses(self) -> Array:
+        """Of the torsion springs of the joints, (n - 1,) [N·mm/rad]."""
+        return np.array([joint.stiffness for joint in self.joints])
+
+    @property
+    def _bodies(self) -> Sequence[SpatialLink]:
+        """The links with their weights, the base included."""
+        return self.links or (SpatialLink(),) * self.n_links
+
     def gravity(self, direction: Triple = (0.0, 0.0, -1.0)) -> Gravity:
         """The weight of every link along a direction of the base frame; (0, 0, 1) lets the chain hang."""
-        links = self.links or (SpatialLink(),) * self.n_links
+        links = self._bodies
         return Gravity([link.weight for link in links], direction, [link.centre for link in links])
 
     def own_weight(self, direction: Any) -> Gravity | None:

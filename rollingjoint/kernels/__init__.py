@@ -7,6 +7,7 @@ Modules:
     batch: the general solver and the stiffness of its solutions, row by row.
     bounds: joint angles between the limits of their joints.
     chain: energy, stiffness and its generators of a chain at one configuration.
+    contact_lanes: chains in space with contacts in lanes.
     contacts: chains in space with contacts: arrays, poses, gaps, tendon lengths.
     descent: the slow, sure way to an equilibrium, where Newton's method ends without one.
     elementary: elementary functions of numbers and SIMD lanes alike.
@@ -29,6 +30,7 @@ Modules:
     rubbed_block: steps with friction in lanes.
     rubbed_chain: a chain with friction, and its steps.
     settle: one equilibrium from one start, with fallbacks.
+    spatial_lanes: lanes of chains in space: all that arms and chains with contacts share.
     spatial_loads: loads in space: energy, sums, stiffness, and the residual.
     tendons: tensions and their energy from the lengths, and the balance at a joint.
     torsion_springs: springs between two links, in the plane and in space.

@@ -14,7 +14,7 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
-from rollingjoint._numba.views import of_width, table_rows
+from rollingjoint._numba.simd import any_lane, where
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.chain import register
@@ -29,14 +29,13 @@ from rollingjoint.kernels.joints import (
     GY,
     N_COEFFICIENTS,
     SIN,
+    evaluate_rows,
     gap_rates,
-    locate,
     straight_gap,
-    table_row,
 )
 from rollingjoint.kernels.joints import PX as POLE_X
 from rollingjoint.kernels.joints import PY as POLE_Y
-from rollingjoint.kernels.vectors import about, dot, in_space, minus, plus, times
+from rollingjoint.kernels.vectors import about, choose, dot, in_space, minus, plus, times
 
 MIDDLE, SHIFT = range(2)  # columns of ContactJoints.offsets
 
@@ -75,8 +74,8 @@ class ContactState(NamedTuple):
     normal: Annotated[Floats, "J", 3]  # of the contact, over the relative curvature
     gap: Annotated[Floats, "J", "m", 3]  # g, g', g''
     direction: Annotated[Floats, "J", "m", 3]  # of the gaps, in the directions of frames
-    sums: Annotated[Floats, "J", N_SUMS]  # as HingeState.sums
-    held: Annotated[Floats, "J", N_HELD]  # as HingeState.held
+    sums: Annotated[Floats, "J", "sums"]  # as HingeState.sums
+    held: Annotated[Floats, "J", "held"]  # as HingeState.held
     length: Annotated[Floats, "m"]
     tension: Annotated[Floats, "m"]
     elastic: Annotated[Floats, "m"]  # d tension / d length
@@ -170,17 +169,25 @@ def design(chain, which):
 
 
 @formula(formulas.evaluate_geometry, ContactJoints)
-def evaluate_geometry(chain, state):
-    """Fill poses, axes, contacts, normals, gaps and tendon lengths."""
-    _evaluate_joints(chain, state)
-    pose, axis, contact, joint, frames = state.pose, state.axis, state.contact, state.joint, chain.frames
-    for j in range(state.length.size):
-        state.length[j] = chain.channels[j]
+def geometry_of(chain, state):
+    """Fill rows of the tables, poses, axes, contacts, normals, gaps and tendon lengths."""
+    evaluate_rows(chain.lookup, chain, state)
+    evaluate_geometry(chain.frames, chain.offsets, chain.holes, chain.channels, chain.tendon_joints, state)
+
+
+@part(inline=True)
+def evaluate_geometry(frames, offsets, holes, channels, tendon_joints, state):
+    """As `geometry_of`, from state.joint; the arrays are of a ContactJoints or of lanes."""
+    pose, axis, contact, joint, length = state.pose, state.axis, state.contact, state.joint, state.length
+    zero = 0.0 * state.angle[0]
+    for j in range(length.size):
+        length[j] = channels[j]
     for entry in range(12):
-        pose[0, entry] = 1.0 if entry == 0 or entry == 4 or entry == 8 else 0.0
+        pose[0, entry] = zero + 1.0 if entry == 0 or entry == 4 or entry == 8 else zero
     for i in range(state.angle.size):
         lateral, axial = turned(pose, i, in_space(frames, i, 0)), turned(pose, i, in_space(frames, i, 3))
-        along, origin, middle, shift = about(lateral, axial), in_space(pose, i, PX), *_offsets(chain, i)
+        along, origin = about(lateral, axial), in_space(pose, i, PX)
+        middle, shift = offsets[i, MIDDLE], offsets[i, SHIFT]
         at = plus(plus(times(lateral, joint[i, CX]), times(axial, joint[i, CY])), times(along, middle))
         above = plus(plus(times(lateral, joint[i, GX]), times(axial, joint[i, GY])), times(along, shift))
         normal = minus(times(axial, joint[i, POLE_X]), times(lateral, joint[i, POLE_Y]))
@@ -196,26 +203,10 @@ def evaluate_geometry(chain, state):
                     + turned_axial[row] * frames[i, 3 + column]
                     + along[row] * frames[i, 6 + column]
                 )
-        for j in range(state.length.size):
-            if i < chain.tendon_joints[j]:
-                _evaluate_crossing(chain.holes[i], state, i, j)
-                state.length[j] += state.gap[i, j, 0]
-
-
-@part(inline=True)
-def _offsets(chain, i):
-    return chain.offsets[i, MIDDLE], chain.offsets[i, SHIFT]
-
-
-@part(inline=True)
-def _evaluate_joints(chain, state):
-    """Fill state.joint at the angles."""
-    cells = of_width(borrow(chain.cells), 4)
-    coefficients = of_width(table_rows(borrow(chain.coefficients)), N_COEFFICIENTS)
-    rows, angle = table_rows(borrow(state.joint)), state.angle
-    for i in range(angle.size):
-        cell, u = locate(chain.lookup, chain.buckets, cells, i, angle[i])
-        rows[i] = table_row(coefficients, cell, u)
+        for j in range(length.size):
+            if i < tendon_joints[j]:
+                _evaluate_crossing(holes[i], state, i, j)
+                length[j] += state.gap[i, j, 0]
 
 
 @part(inline=True)
@@ -226,9 +217,9 @@ def _evaluate_crossing(holes, state, i, j):
     below = in_space(holes, j, 0)
     above = joint[i, GX] + cos * x - sin * y, joint[i, GY] + sin * x + cos * y, holes[j, 5]
     length, direction, per_length, closed = straight_gap(below, above)
-    if closed:
+    if any_lane(closed):
         ex, ey = tangent(joint, i)
-        direction = -ey, ex, 0.0
+        direction = choose(closed, (-ey, ex, 0.0), direction)
     contact, pole = (joint[i, CX], joint[i, CY]), (joint[i, POLE_X], joint[i, POLE_Y])
     in_plane = gap_rates(1.0, below[:2], length, direction[:2], per_length, contact, pole)
     gap[i, j, 0], (gap[i, j, 1], gap[i, j, 2]) = length, in_plane
@@ -241,7 +232,9 @@ def tangent(joint, i):
     """Unit tangent of the surface below at the contact, in the directions of frames; lateral where no contact moves."""
     x, y = joint[i, POLE_X], joint[i, POLE_Y]  # against the tangent: the angle falls as s grows
     size = math.sqrt(x * x + y * y)
-    return (-x / size, -y / size) if size > 0.0 else (1.0, 0.0)
+    rolls = size > 0.0
+    nonzero = where(rolls, size, 1.0)
+    return where(rolls, -x / nonzero, 1.0), where(rolls, -y / nonzero, 0.0)
 
 
 @formula(formulas.pivot, ContactState)
@@ -263,6 +256,28 @@ def own_stiffness(chain, state, i):
 
 
 @part(inline=True)
+def fill_reaction(frames, offsets, holes, tendon_joints, state, tension, load, couple, i, reaction):
+    """Fill force and moment on the distal link about the contact of joint i, (6,): along tangent, normal and axis.
+
+    tension: of every tendon in the gap, (m,). load, couple: force and moment about the contact of all loads beyond it.
+    """
+    joint, axis = state.joint, in_space(state.axis, i, 0)
+    lateral, axial = turned(state.pose, i, in_space(frames, i, 0)), turned(state.pose, i, in_space(frames, i, 3))
+    force = -dot(lateral, load), -dot(axial, load), -dot(axis, load)
+    moment = -dot(lateral, couple), -dot(axial, couple), -dot(axis, couple)
+    contact = joint[i, CX], joint[i, CY], offsets[i, MIDDLE]
+    for j in range(tension.size):
+        if i < tendon_joints[j]:
+            pull = times(in_space(state.direction[i], j, 0), tension[j])
+            arm = minus(in_space(holes[i], j, 0), contact)
+            force, moment = plus(force, pull), plus(moment, about(arm, pull))
+    ex, ey = tangent(joint, i)
+    reaction[0], reaction[1], reaction[2] = ex * force[0] + ey * force[1], ex * force[1] - ey * force[0], force[2]
+    reaction[3], reaction[4] = ex * moment[0] + ey * moment[1], ex * moment[1] - ey * moment[0]
+    reaction[5] = moment[2]
+
+
+@part(inline=True)
 def load_force(state, i):
     """Sum of all forces beyond joint i, a vector."""
     return plus(in_space(state.sums, i, F), in_space(state.sums, i, B))
@@ -279,7 +294,7 @@ def spatial_poses_of(chain, angles, poses, lengths):
     for lane in range(n_lanes):
         for i in range(n_joints):
             state.angle[i] = min(max(angles[lane, i], mechanism.joints[i, 0]), mechanism.joints[i, 1])
-        evaluate_geometry(mechanism, state)
+        geometry_of(mechanism, state)
         store_poses(state, poses, lane)
         for j in range(lengths.shape[1]):
             lengths[lane, j] = state.length[j]

@@ -11,43 +11,33 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from rollingjoint._numba.jit import kernel, part
-from rollingjoint._numba.layout import Floats, size
+from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.pins import unpin
-from rollingjoint._numba.simd import where
 from rollingjoint._numba.views import numbers
 from rollingjoint.kernels import formulas
-from rollingjoint.kernels.arrays import AT_LIMIT, CONVERGED, TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
 from rollingjoint.kernels.hinges import (
     EXACT,
     N_DEAD,
-    N_DEAD_SUMS,
     N_TURNS,
-    PX,
     HingeBatchArrays,
     HingeState,
     PinnedHinges,
     evaluate_geometry,
-    evaluate_hinges,
 )
-from rollingjoint.kernels.lanes import (
-    HELD,
-    STEPS,
-    WORST,
-    advance,
-    fill_law,
-    fill_start,
-    own_search,
-    solve_in,
-    solve_wide,
-    wide_memory,
-)
+from rollingjoint.kernels.lanes import advance, own_search, solve_in, solve_wide, wide_memory
 from rollingjoint.kernels.rubbed_block import advance_with_friction, fill_friction, inner_search, store_history
-from rollingjoint.kernels.spatial_loads import any_spring, dead_moment, evaluate_dead_loads, fill_dead_loads, lever
-from rollingjoint.kernels.tendons import evaluate_tendons, fill_residual
+from rollingjoint.kernels.spatial_lanes import (
+    evaluate_forces,
+    fill_dead_inputs,
+    fill_row_of_loads,
+    lone_memory,
+    sizes_of,
+    store_equilibrium,
+)
 from rollingjoint.kernels.turns import evaluate_hinge_turns
-from rollingjoint.kernels.vectors import dot, in_space
 
 MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step of the general solver
 
@@ -69,48 +59,12 @@ class HingeBlock(NamedTuple):
     search: Annotated[Floats, 8]
 
 
-class HingeBlockSizes(NamedTuple):
-    """Lengths of the axes of a HingeBlock."""
-
-    J: int
-    n: int
-    m: int
-    rows: int
-    sums: int
-    held: int
-
-
-@part(inline=True)
-def block_sizes(n_joints, n_tendons, n_loads):
-    """Sizes of a HingeBlock."""
-    return HingeBlockSizes(n_joints, n_joints + 1, n_tendons, n_loads, N_DEAD_SUMS, 0)
-
-
 @formula(formulas.evaluate_lanes, HingeBlock)
 def evaluate_lanes(block, chain, designs):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state, tendon_joints = block.state, chain.tendon_joints
     evaluate_geometry(block.axes, block.spacings, block.gaps, block.channels, True, tendon_joints, state)
-    energy, magnitude = evaluate_tendons(block.law, state)
-    load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
-    spring_energy = evaluate_hinges(block.limits, block.springs, state)
-    scale = 0.0 * state.angle[0]
-    for i in range(state.angle.size):
-        moment = dot(in_space(state.axis, i, 0), dead_moment(state, i))
-        spring = block.springs[i] * (state.angle[i] - block.limits[i, 2])
-        size = fill_residual(tendon_joints, state, i, spring, moment)
-        scale = where(size > scale, size, scale)
-    magnitude = magnitude + (load_magnitude + spring_energy)
-    return energy + (load_energy + spring_energy), magnitude, scale
-
-
-@formula(formulas.fill_row_of_loads, HingeBlock)
-def fill_row_of_loads(block, i, H):
-    """Fill row i of H with the terms of dead forces; returns their term on the diagonal."""
-    axis, w = block.state.axis, lever(block.state, i)
-    for m in range(i):
-        H[i, m] = -dot(in_space(axis, m, 0), w)
-    return -dot(in_space(axis, i, 0), w)
+    return evaluate_forces(block, tendon_joints)
 
 
 @formula(formulas.own_terms, HingeBlock)
@@ -119,6 +73,7 @@ def own_terms(block, i):
     return block.springs[i], 0.0
 
 
+formula(formulas.fill_row_of_loads, HingeBlock)(fill_row_of_loads)
 formula(formulas.advance, HingeBlock)(advance)
 formula(formulas.search_of, HingeBlock)(own_search)
 
@@ -134,11 +89,8 @@ def fill_row(block, batch, friction, lane, row, design):
 @part(inline=True)
 def fill_inputs(batch, block, lane, row):
     """Copy one row's inputs into a lane; False where they need the general solver."""
-    chain, design = batch.chain, batch.designs[row]
-    supported = chain.model[design] == EXACT and not any_spring(chain.standing[design])
-    supported = supported and fill_law(batch.laws, block, lane, row)
-    supported = supported and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
-    return supported and fill_start(batch.starts, block, lane, row)
+    exact = batch.chain.model[batch.designs[row]] == EXACT
+    return exact and fill_dead_inputs(batch, block, lane, row)
 
 
 @part(inline=True)
@@ -175,32 +127,18 @@ def store_row(block, batch, friction, lane, row):
 @part(inline=True)
 def store_lane(block, results, lane, row):
     """Copy an equilibrium into its row of the results."""
-    search, state, torque = numbers(block.search), block.state, numbers(block.state.torque)
-    angle, pose, gap = numbers(state.angle), numbers(state.pose), numbers(state.gap)
-    tension, length, elastic = numbers(state.tension), numbers(state.length), numbers(state.elastic)
-    for i in range(angle.shape[0]):
-        results.joint_angles[row, i] = angle[i, lane]
-        for j in range(tension.shape[0]):
-            results.rates[row, i, j], results.torques[row, i, j] = gap[i, j, 1, lane], torque[i, j, lane]
-    for k in range(pose.shape[0]):
-        for a in range(3):
-            for b in range(3):
-                results.poses[row, k, a, b] = pose[k, 3 * a + b, lane]
-            results.poses[row, k, a, 3], results.poses[row, k, 3, a] = pose[k, PX + a, lane], 0.0
-        results.poses[row, k, 3, 3] = 1.0
-    for j in range(tension.shape[0]):
-        results.tensions[row, j], results.lengths[row, j] = tension[j, lane], length[j, lane]
-        results.elastic[row, j] = elastic[j, lane]
-    results.residual[row], results.iterations[row] = search[WORST, lane], int(search[STEPS, lane])
-    results.status[row] = AT_LIMIT if search[HELD, lane] > 0.0 else CONVERGED
-    results.escapes[row] = 0
+    store_equilibrium(block, results, lane, row)
+    torque = numbers(block.state.torque)
+    for i in range(torque.shape[0]):
+        for j in range(torque.shape[1]):
+            results.torques[row, i, j] = torque[i, j, lane]
 
 
 @kernel(nogil=True, short_loops=True, title="the arm's solver")
 def solve_hinges_pinned(pins, first, last):
     """Solve lanes first to last - 1 of PinnedHinges; returns the number left PENDING."""
     batch = unpin(pins, PinnedHinges).batch
-    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
+    sizes = sizes_of(batch)
     return solve_wide(np.zeros(wide_memory(HingeBlock, sizes)), HingeBlock, sizes, batch, None, first, last)
 
 
@@ -208,15 +146,12 @@ def solve_hinges_pinned(pins, first, last):
 def solve_hinges_alone(pins, first, last):
     """As solve_hinges_pinned in a single lane, one row after the other, in the batch's own memory."""
     batch, memory = unpin(pins, PinnedHinges)
-    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
-    return solve_in(memory, HingeBlock, sizes, batch, None, first, last)
+    return solve_in(memory, HingeBlock, sizes_of(batch), batch, None, first, last)
 
 
 def memory_alone(batch: HingeBatchArrays) -> np.ndarray:
     """The memory that solve_hinges_alone works in."""
-    (_, n_joints), rows, m = batch.starts.shape, batch.loads.shape[1], len(batch.chain.tendon_joints)
-    lengths = HingeBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0)._asdict()
-    return np.zeros(size(HingeBlock, lengths) + 2)
+    return lone_memory(HingeBlock, batch)
 
 
 class RubbedHingeBlock(NamedTuple):
@@ -279,7 +214,7 @@ def store_row_with_friction(rubbed, batch, friction, lane, row):
 @kernel(nogil=True, short_loops=True, title="the arm's solver with friction")
 def step_hinges_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of rows first to last - 1; returns the number left PENDING."""
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
     batch = HingeBatchArrays(chain, designs, laws, loads, starts, results)
+    sizes = sizes_of(batch)
     memory = np.zeros(wide_memory(RubbedHingeBlock, sizes))
     return solve_wide(memory, RubbedHingeBlock, sizes, batch, friction, first, last)

@@ -17,7 +17,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.bounds import begin, mark_free, move
-from rollingjoint.kernels.contacts import MIDDLE, ContactJoints, load_force, new_contact_state, store_poses, tangent
+from rollingjoint.kernels.contacts import ContactJoints, fill_reaction, load_force, new_contact_state, store_poses
 from rollingjoint.kernels.descent import most_descent_steps, relax
 from rollingjoint.kernels.formulas import evaluate, formula, stiffness
 from rollingjoint.kernels.hinges import (
@@ -28,15 +28,12 @@ from rollingjoint.kernels.hinges import (
     TORSION,
     Hinges,
     new_hinge_state,
-    turned,
 )
-from rollingjoint.kernels.joints import CX, CY
 from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
 from rollingjoint.kernels.spatial_loads import generator_columns, has_potential, load_moment
-from rollingjoint.kernels.vectors import about, dot, in_space, minus, plus, times
 
 STIFFNESSES = (SPRING, TORSION)  # columns of a load table
 _MAX_STAGES = 200
@@ -265,25 +262,9 @@ def _store_state(state, outcome, results, lane):
 
 @part
 def _fill_reaction(chain, state, tension, i, reaction):
-    """Fill force and moment on the distal link about the contact of joint i, (6,): along tangent, normal and axis.
-
-    tension: of every tendon in the gap, (m,).
-    """
-    frames, joint = chain.frames, state.joint
-    lateral, axial = turned(state.pose, i, in_space(frames, i, 0)), turned(state.pose, i, in_space(frames, i, 3))
-    axis, load, couple = in_space(state.axis, i, 0), load_force(state, i), load_moment(state, i)
-    force = -dot(lateral, load), -dot(axial, load), -dot(axis, load)
-    moment = -dot(lateral, couple), -dot(axial, couple), -dot(axis, couple)
-    contact = joint[i, CX], joint[i, CY], chain.offsets[i, MIDDLE]
-    for j in range(tension.size):
-        if i < chain.tendon_joints[j]:
-            pull = times(in_space(state.direction[i], j, 0), tension[j])
-            arm = minus(in_space(chain.holes[i], j, 0), contact)
-            force, moment = plus(force, pull), plus(moment, about(arm, pull))
-    ex, ey = tangent(joint, i)
-    reaction[0], reaction[1], reaction[2] = ex * force[0] + ey * force[1], ex * force[1] - ey * force[0], force[2]
-    reaction[3], reaction[4] = ex * moment[0] + ey * moment[1], ex * moment[1] - ey * moment[0]
-    reaction[5] = moment[2]
+    """`fill_reaction` under all loads beyond the joint."""
+    beyond = load_force(state, i), load_moment(state, i)
+    fill_reaction(chain.frames, chain.offsets, chain.holes, chain.tendon_joints, state, tension, *beyond, i, reaction)
 
 
 @formula(formulas.store_friction, ContactJoints)

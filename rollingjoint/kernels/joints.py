@@ -9,8 +9,10 @@ import math
 
 import numpy as np
 
+from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint._numba.simd import fused, where
+from rollingjoint._numba.simd import columns, fused, where
+from rollingjoint._numba.views import numbers, of_width, table_rows
 from rollingjoint.kernels.vectors import about, dot, minus, plus, plus_dot, times
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
@@ -56,6 +58,36 @@ def table_row(coefficients, cell, u):
     for k in range(N_COEFFICIENTS - 2, -1, -1):
         value = fused(value, u, coefficients[cell, k])
     return value
+
+
+@part(inline=True)
+def evaluate_rows(lookup, chain, state):
+    """Fill state.joint at the angles; lookup: limits and buckets per radian of the chain's tables, (J, 3)."""
+    buckets, cells = chain.buckets, of_width(borrow(chain.cells), 4)
+    coefficients = of_width(table_rows(borrow(chain.coefficients)), N_COEFFICIENTS)
+    rows, angle = table_rows(borrow(state.joint)), state.angle
+    for i in range(angle.size):
+        cell, u = locate(lookup, buckets, cells, i, angle[i])
+        rows[i] = table_row(coefficients, cell, u)
+
+
+@part(inline=True)
+def evaluate_rows_of_lanes(lookup, chain, designs, state, rows):
+    """As `evaluate_rows`, each lane from the tables of its design; rows: memory of a row per lane."""
+    angle, joint = numbers(state.angle), state.joint
+    cells, lookup, buckets = of_width(chain.cells, 4), of_width(lookup, 3), of_width(chain.buckets, BUCKET_ENDS)
+    coefficients = of_width(table_rows(chain.coefficients), N_COEFFICIENTS)
+    n_joints = angle.shape[0]
+    for i in range(n_joints):
+        for lane in range(rows.size):
+            which = designs[lane]
+            if which < 0:
+                continue
+            cell, u = locate(lookup[which], buckets[which], cells, i, angle[i, lane])
+            rows[lane] = table_row(coefficients, cell, u)
+        cos, sin, cx, cy, gx, gy, px, py = columns(rows)
+        joint[i, COS], joint[i, SIN], joint[i, CX], joint[i, CY] = cos, sin, cx, cy
+        joint[i, GX], joint[i, GY], joint[i, PX], joint[i, PY] = gx, gy, px, py
 
 
 @part(inline=True)

@@ -12,11 +12,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint._numba.simd import any_lane, where
-from rollingjoint._numba.views import of_width, table_rows
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import TendonLaw, empty_arrays
 from rollingjoint.kernels.chain import register
@@ -32,11 +30,11 @@ from rollingjoint.kernels.joints import (
     PX,
     PY,
     SIN,
+    evaluate_rows,
     gap_rates,
     locate,
     normal,
     straight_gap,
-    table_row,
 )
 from rollingjoint.kernels.tendons import fill_residual
 from rollingjoint.kernels.vectors import choose
@@ -172,12 +170,7 @@ def design(chain, which):
 @part
 def evaluate_joints(chain, state):
     """Fill state.joint at state.angle; one configuration."""
-    joints, buckets, cells = chain.joints, chain.buckets, of_width(borrow(chain.cells), 4)
-    coefficients = of_width(table_rows(borrow(chain.coefficients)), N_COEFFICIENTS)
-    rows, angle = table_rows(borrow(state.joint)), state.angle
-    for i in range(angle.size):
-        cell, u = locate(joints, buckets, cells, i, angle[i])
-        rows[i] = table_row(coefficients, cell, u)
+    evaluate_rows(chain.joints, chain, state)
 
 
 @part(inline=True)

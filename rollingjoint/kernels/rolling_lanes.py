@@ -12,27 +12,12 @@ import numpy as np
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, size
 from rollingjoint._numba.pins import unpin
-from rollingjoint._numba.simd import columns
-from rollingjoint._numba.views import as_rows, numbers, of_width, table_rows
+from rollingjoint._numba.views import as_rows, numbers
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import AT_LIMIT, CONVERGED, TendonLaw
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.joints import (
-    BUCKET_ENDS,
-    COS,
-    CX,
-    CY,
-    GX,
-    GY,
-    N_COEFFICIENTS,
-    PX,
-    PY,
-    SIN,
-    aligned,
-    locate,
-    table_row,
-)
+from rollingjoint.kernels.joints import aligned, evaluate_rows_of_lanes
 from rollingjoint.kernels.lanes import (
     HELD,
     STEPS,
@@ -165,20 +150,7 @@ def store_lane(block, lane, results, row):
 @part(inline=True)
 def evaluate_joints(chain, designs, state, rows):
     """Fill state.joint from the tables of each lane's design."""
-    angle, joint = numbers(state.angle), state.joint
-    cells, joints, buckets = of_width(chain.cells, 4), of_width(chain.joints, 3), of_width(chain.buckets, BUCKET_ENDS)
-    coefficients = of_width(table_rows(chain.coefficients), N_COEFFICIENTS)
-    n_joints = angle.shape[0]
-    for i in range(n_joints):
-        for lane in range(rows.size):
-            which = designs[lane]
-            if which < 0:
-                continue
-            cell, u = locate(joints[which], buckets[which], cells, i, angle[i, lane])
-            rows[lane] = table_row(coefficients, cell, u)
-        cos, sin, cx, cy, gx, gy, px, py = columns(rows)
-        joint[i, COS], joint[i, SIN], joint[i, CX], joint[i, CY] = cos, sin, cx, cy
-        joint[i, GX], joint[i, GY], joint[i, PX], joint[i, PY] = gx, gy, px, py
+    evaluate_rows_of_lanes(chain.joints, chain, designs, state, rows)
 
 
 @formula(formulas.evaluate_lanes, Block)

@@ -20,6 +20,7 @@ IDS = {  # id: weight, lanes of a batch, steps of a round
     "rj_gym/LatePose-v0": (1, 256, 120),
     "rj_gym/FlexibleArm-v0": (1, 16, 40),
     "rj_gym/FlexibleArmGoal-v0": (0.5, 16, 40),
+    "rj_gym/PitchYaw-v0": (1, 64, 60),
     "rj_gym/ArmInstrument-v0": (0.5, 16, 40),
     "rj_gym/CurvatureDesign-v0": (0.1, 4, 8),
 }

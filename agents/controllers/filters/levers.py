@@ -13,8 +13,8 @@ from rollingjoint.compiled import Floats, kernel, part
 class ArmLoads(NamedTuple):
     """Gravity and payload of an arm, R rows."""
 
-    weights: Annotated[Floats, "J"]  # of the beads, N
-    centres: Annotated[Floats, "J"]  # of their weights, in front of their distal faces, mm
+    weights: Annotated[Floats, "J"]  # of the moving links, N
+    centres: Annotated[Floats, "J", 3]  # where they act, in the frames of the links, mm
     gravity: Annotated[Floats, "R", 3]  # its direction
     by_turn: Annotated[Floats, "R", 3, 2]  # the derivative of that by the vector that turns it, 1/rad
     payloads: Annotated[Floats, "R"]  # N
@@ -38,31 +38,48 @@ def chain_levers(poses, contacts, links, levers):
 
 
 @kernel(nogil=True, title="the controllers' filters")
-def arm_levers(poses, axes, loads, levers):
+def arm_levers(poses, pivots, axes, loads, levers):
     """Fill the levers of arms: of the vector that turns gravity (2) [rad] and of the payload [N].
 
-    poses: (R, n, 4, 4) [mm]. axes: of the hinges, in the frames of the links below, (J, 3). loads: ArmLoads.
+    poses: (R, n, 4, 4) [mm]. pivots: where joints turn, (R, J, 3) [mm]. axes: of the joints, in the frames of the links
+    below, (J, 3). loads: ArmLoads.
     """
     n_rows, n_joints = poses.shape[0], len(axes)
     axis, weight_moment, tip, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(n_rows):
         weight = 0.0
-        weight_moment[:] = 0.0  # sum of the weights beyond a hinge times where they act, N mm
+        weight_moment[:] = 0.0  # sum of the weights beyond a joint times where they act, N mm
         for i in range(n_joints - 1, -1, -1):
             weight += loads.weights[i]
             for k in range(3):
-                centre = poses[row, i + 1, k, 3] - loads.centres[i] * poses[row, i + 1, k, 2]
-                weight_moment[k] += loads.weights[i] * centre
-                tip[k] = poses[row, n_joints, k, 3] - poses[row, i, k, 3]
-                moment[k] = weight_moment[k] - weight * poses[row, i, k, 3] + loads.payloads[row] * tip[k]
-                axis[k] = 0.0
+                offset = axis[k] = 0.0
                 for c in range(3):
+                    offset += poses[row, i + 1, k, c] * loads.centres[i, c]
                     axis[k] += poses[row, i, k, c] * axes[i, c]
+                weight_moment[k] += loads.weights[i] * (poses[row, i + 1, k, 3] + offset)
+                tip[k] = poses[row, n_joints, k, 3] - pivots[row, i, k]
+                moment[k] = weight_moment[k] - weight * pivots[row, i, k] + loads.payloads[row] * tip[k]
             for c in range(2):
                 levers.loads[row, i, c] = _triple(axis, moment, loads.by_turn[row, :, c])
             levers.loads[row, i, 2] = _triple(axis, tip, loads.gravity[row])
             for k in range(3):
                 levers.tips[row, k, i] = axis[(k + 1) % 3] * tip[(k + 2) % 3] - axis[(k + 2) % 3] * tip[(k + 1) % 3]
+
+
+@kernel(nogil=True, title="the controllers' filters")
+def tube_levers(poses, pivots, axes, levers):
+    """Fill the levers of chains in space: of a force at the tip (3) [N]. Arguments as of arm_levers."""
+    n_rows, n_joints = pivots.shape[:2]
+    axis, tip = np.empty(3), np.empty(3)
+    for row in range(n_rows):
+        for i in range(n_joints):
+            for k in range(3):
+                tip[k], axis[k] = poses[row, n_joints, k, 3] - pivots[row, i, k], 0.0
+                for c in range(3):
+                    axis[k] += poses[row, i, k, c] * axes[i, c]
+            for k in range(3):
+                lever = axis[(k + 1) % 3] * tip[(k + 2) % 3] - axis[(k + 2) % 3] * tip[(k + 1) % 3]
+                levers.loads[row, i, k] = levers.tips[row, k, i] = lever
 
 
 @part

@@ -65,7 +65,7 @@ class FilterModel(ABC):
 
     N_LOAD: ClassVar[int]
     START_PASSES: ClassVar[int] = 1  # of taking the lengths at the start in, each from where the last one ended
-    stiffens: ClassVar[bool]
+    stiffens: bool
     n_angles: int
     radius: float
 

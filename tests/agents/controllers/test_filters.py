@@ -15,9 +15,10 @@ from agents.controllers.filters.levers import turn_gravity
 from agents.controllers.filters.models import model_of
 from agents.controllers.privileged_feedback import privileged
 from rj_gym.registry import task_of
-from rj_gym.tracking.config import FlexibleArmConfig, TrackingConfig
-from rj_gym.tracking.vector import ArmInstrumentVectorEnv, RollingJointVectorEnv
+from rj_gym.tracking.config import FlexibleArmConfig, PitchYawConfig, TrackingConfig
+from rj_gym.tracking.vector import ArmInstrumentVectorEnv, PitchYawVectorEnv, RollingJointVectorEnv
 from rj_gym.tracking.worlds import ArmInstrumentConfig, InstrumentConfig, SlowCameraConfig
+from rollingjoint import pitch_yaw
 from rollingjoint.errors import ConfigError
 
 EXACT = {"stiffness_spread": 0.0, "link_tolerance_mm": 0.0, "link_tolerance_rad": 0.0, "actuator_offset_mm": 0.0}
@@ -33,6 +34,10 @@ def instrument(**settings):
 
 def arm_instrument(**settings):
     return task_of(ArmInstrumentConfig.from_dict(settings))
+
+
+def instrument_in_space(**settings):
+    return task_of(PitchYawConfig.from_dict({"sensing": {"pose": "none"}} | settings))
 
 
 def rows_of_play(task, rng, rows):
@@ -63,7 +68,14 @@ def predicted(task, play, states, motors):
 
 @pytest.mark.parametrize(
     "task",
-    [instrument(), instrument(mechanism="two_segment"), arm_instrument(mechanism="small_arm"), arm_instrument()],
+    [
+        instrument(),
+        instrument(mechanism="two_segment"),
+        arm_instrument(mechanism="small_arm"),
+        arm_instrument(),
+        instrument_in_space(),
+        instrument_in_space(mechanism=pitch_yaw(weight=0.05).replace(name="heavy tube")),
+    ],
     ids=lambda task: task.mechanism.name,
 )
 def test_derivatives_of_the_model_are_central_differences(task):
@@ -268,6 +280,21 @@ def test_exact_tensions_tell_payload_and_tip_of_an_arm():
     payloads = 0.25 + bank.belief.states[:, 2]
     np.testing.assert_allclose(payloads, np.linalg.norm(info["load"]["force"], axis=1), atol=0.02)
     np.testing.assert_allclose(estimate.tip, info["tip"], atol=0.5)
+
+
+def test_exact_tensions_tell_the_force_at_the_tip_of_a_tube():
+    env = PitchYawVectorEnv(12, sensing={"pose": "none"}, start_tension=6.0)
+    observation, info = env.reset(seed=9_000)
+    settings = SURE | {"start_sd_mm": 0.01, "tension_sd": 0.005, "tension_share": 0.0}
+    bank = Bank(env.task, FilterSettings.from_dict(settings))
+    bank.reset(np.ones(12, bool))
+    for step in range(8):
+        bank.take_in(Reading(observation, env.task))
+        way = np.array([0.5, 0.2, -0.5, -0.2] * 2) * (-1.0 if step < 4 else 1.0)
+        observation, *_, info = env.step(np.tile(way, (12, 1)).astype(np.float32))
+    estimate = bank.take_in(Reading(observation, env.task))
+    np.testing.assert_allclose(bank.belief.states[:, :3], info["load"]["force"], atol=0.02)
+    np.testing.assert_allclose(estimate.tip, info["tip"], atol=0.2)
 
 
 def test_pictures_of_an_arm_show_how_far_its_tip_is_off():
