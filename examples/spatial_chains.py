@@ -6,7 +6,6 @@ Run: python examples/spatial_chains.py [--out DIR]
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -136,9 +135,9 @@ def animate(path: Path) -> Path:
 
 
 def picture(figure: pyplot.Figure) -> Image.Image:
-    memory = BytesIO()
-    figure.savefig(memory, dpi=80, format="png")
-    return Image.open(memory).convert("RGB")
+    figure.set_dpi(80)
+    figure.canvas.draw()
+    return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
 
 
 def save_frames(frames: Sequence[Image.Image], path: Path) -> Path:

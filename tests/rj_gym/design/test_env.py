@@ -344,7 +344,7 @@ def test_every_id_has_its_settings():
     worlds = [rj_gym.InstrumentConfig, rj_gym.InstrumentShiftConfig, rj_gym.SlowCameraConfig, rj_gym.LatePoseConfig]
     worlds += [rj_gym.ArmInstrumentConfig]
     worlds += [getattr(rj_gym, kind.__name__.replace("Config", "V1Config")) for kind in worlds]
-    assert tracking == [rj_gym.TrackingConfig] * 2 + [rj_gym.FlexibleArmConfig] * 2 + worlds
+    assert tracking == [rj_gym.TrackingConfig] * 2 + [rj_gym.FlexibleArmConfig] * 2 + [rj_gym.PitchYawConfig] + worlds
     with pytest.raises(ConfigError, match="CurvatureDesign"):
         rj_gym.settings_of("rj_gym/CurvatureDesign-v9")
 

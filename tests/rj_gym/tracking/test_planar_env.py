@@ -55,11 +55,18 @@ ARM_VARIANTS = {
     "sparse goal": {"reward": {"goal": "sparse"}, "orientation": True},
     "two steps": {"episode_steps": 2},
 }
+SPATIAL_VARIANTS = ARM_VARIANTS | {"small arm, orientation": {"mechanism": "pitch_yaw", "orientation": True}}
 ids = pytest.mark.parametrize("env_id", IDS)
+
+
+def variants_of(env_id):
+    if "PitchYaw" in env_id:
+        return SPATIAL_VARIANTS
+    return ARM_VARIANTS if "Arm" in env_id else VARIANTS
+
+
 CASES = {
-    f"{env_id[7:-3]}, {name}": (env_id, settings)
-    for env_id in IDS
-    for name, settings in (ARM_VARIANTS if "Arm" in env_id else VARIANTS).items()
+    f"{env_id[7:-3]}, {name}": (env_id, settings) for env_id in IDS for name, settings in variants_of(env_id).items()
 }
 variants = pytest.mark.parametrize(("env_id", "settings"), CASES.values(), ids=CASES.keys())
 
@@ -126,7 +133,7 @@ def test_writing_into_what_was_returned_changes_nothing_inside():
 
 @ids
 def test_a_pickled_environment_goes_on_where_it_was(env_id):
-    randomised = ARM_RANDOMISED if "Arm" in env_id else RANDOMISED
+    randomised = RANDOMISED if variants_of(env_id) is VARIANTS else ARM_RANDOMISED
     env = make(env_id, render_mode="rgb_array", randomization=randomised)
     rollout(env, seed=3, steps=4)
     picture = env.render()

@@ -229,7 +229,7 @@ def test_both_solvers_find_the_same_equilibrium_or_both_a_stable_one():
 def test_both_solvers_refuse_a_step_that_brings_too_little(seed, lengths, start):
     """From a start far away, where a step brings 1e-4 of the fall that its slope promises, or less."""
     chain, unstretched = random_chain(np.random.default_rng(seed), len(start) + 1), np.array([lengths])
-    laws = TendonLaw(unstretched, chain.stiffnesses[None], np.zeros_like(unstretched), unstretched + np.inf)
+    laws = TendonLaw(unstretched, np.array(chain.stiffnesses[None]), np.zeros_like(unstretched), unstretched + np.inf)
     fast, every = solved_by_both(chain, laws, load_table((), chain.n_links)[None], np.array([start]))
     assert fast.status == every.status == Status.CONVERGED
     assert fast.iterations == every.iterations > 5

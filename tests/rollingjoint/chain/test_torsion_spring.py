@@ -217,7 +217,7 @@ def test_rj_takes_torsion_springs(capsys):
     for words, said in (
         ("five_link --tensions 3 2 --torsion-spring 3", "LINK K [REST [OTHER]]"),
         ("five_link --tensions 3 2 --torsion-spring 3 1 0 9", "0 (the base) to 4"),
-        ("small_arm --tensions 3 2 1 1 --torsion-spring 3 1", "parallel hinges"),
+        ("small_arm --tensions 3 2 1 1 --torsion-spring 3 1", "parallel joints"),
     ):
         assert main(["solve", *words.split()]) == 2
         error = capsys.readouterr().err
@@ -304,10 +304,10 @@ def test_friction_carries_the_springs_of_an_arm_along():
 
 
 def test_a_torsion_spring_over_hinges_that_are_not_parallel_is_refused():
-    with pytest.raises(InvalidInput, match="parallel hinges"):
+    with pytest.raises(InvalidInput, match="parallel joints"):
         rj.solve_tensions(rj.small_arm(4), [1.0] * 4, [TorsionSpring(2, 5.0)])
     assert rj.solve_tensions(rj.small_arm(4), [1.0] * 4, [TorsionSpring(2, 5.0, other=1)]).ok
-    with pytest.raises(MechanismError, match="parallel hinges"):
+    with pytest.raises(MechanismError, match="parallel joints"):
         rj.small_arm(4).replace(springs=[TorsionSpring(3, 5.0, other=1)])
 
 
