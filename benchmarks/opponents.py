@@ -1,4 +1,4 @@
-"""How long controllers take for an action: python benchmarks/opponents.py rj_gym/Instrument-v0.
+"""How long opponents and shipped policies take for an action: python benchmarks/opponents.py rj_gym/Instrument-v0.
 
 Microseconds of processor time per action and lane, for one lane and for 256 side by side, on one thread, without the
 environment. What controllers see is recorded first; the best of some rounds counts.
@@ -13,6 +13,7 @@ from typing import Any
 
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers
+from agents.policies.loading import shipped_policies
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint import set_threads
 from rollingjoint.tables import text_table
@@ -44,18 +45,19 @@ def microseconds(env_id: str, controller: Controller, lanes: int, rounds: int = 
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print a row per opponent."""
-    parser = argparse.ArgumentParser(description="How long opponents take for an action.")
+    """Print a row per controller."""
+    parser = argparse.ArgumentParser(description="How long opponents and policies take for an action.")
     parser.add_argument("world", nargs="?", default="rj_gym/Instrument-v0")
     parser.add_argument("--lanes", type=int, nargs="+", default=[1, 256])
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args(argv)
     set_threads(1)
+    policies = {policy.name: policy for policy in shipped_policies() if policy.environment.id == arguments.world}
     rows = [
         [name, *(f"{microseconds(arguments.world, each, n, arguments.rounds):.1f}" for n in arguments.lanes)]
-        for name, each in tuned_controllers(arguments.world).items()
+        for name, each in (tuned_controllers(arguments.world) | policies).items()
     ]
-    print(text_table(["opponent", *(f"µs, {n} lanes" for n in arguments.lanes)], rows, ruled=True))
+    print(text_table(["controller", *(f"µs, {n} lanes" for n in arguments.lanes)], rows, ruled=True))
 
 
 if __name__ == "__main__":

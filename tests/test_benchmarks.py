@@ -253,7 +253,7 @@ def test_every_opponent_of_a_world_is_timed(capsys):
 
     opponents.main(["rj_gym/SlowCamera-v0", "--lanes", "1", "3", "--rounds", "1"])
     rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split("  ")[0] for row in rows] == list(opponents.tuned_controllers("rj_gym/SlowCamera-v0"))
+    assert [row.split("  ")[0] for row in rows] == [*opponents.tuned_controllers("rj_gym/SlowCamera-v0"), "slow_camera"]
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
