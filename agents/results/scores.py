@@ -34,7 +34,7 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import candidates, is_privileged, opponents
+from agents.results.roster import candidates, is_privileged, opponents, why_impossible
 from agents.results.runs import CHECKPOINT, Benchmark, FinishedRun, Recipe, recipe_name, stages
 from agents.results.standings import FEEDBACK
 from agents.results.worlds import ScoringPlan, worlds_of
@@ -136,15 +136,19 @@ def _score(
     able, impossible = ({}, {}) if learners_only else opponents(env)
     worlds = worlds_of(env, plan)
     on_floors = [] if learners_only else [world for world in worlds if _has_floors(world)]
-    driven = [(own_env, driver) for learner in learners for own_env, driver, _ in learner.runs]
-    driven += [(env_for(env, controller), name) for name, controller in able.items()]
+    driven: list[tuple[EnvConfig, RunFolder | str, list[World]]] = [
+        (own_env, driver, worlds) for learner in learners for own_env, driver, _ in learner.runs
+    ]
+    for name, controller in able.items():
+        own_env = env_for(env, controller)
+        driven.append((own_env, name, [world for world in worlds if _can_drive(own_env, world, controller)]))
     parts = [
         _WorldUnit(changed(own_env, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
-        for own_env, driver in driven
-        for world in worlds
+        for own_env, driver, own_worlds in driven
+        for world in own_worlds
     ]
     values = drive([*parts, *(_WorldUnit(changed(env, world.changes), None, world.seeds) for world in on_floors)])
-    done = iter([{world.name: next(values) for world in worlds} for _ in driven])
+    done = iter([{world.name: next(values) for world in own_worlds} for *_, own_worlds in driven])
     learned = [
         ControllerRecord(
             learner.name, POLICY, [record(next(done)) for *_, record in learner.runs], training=learner.training
@@ -164,6 +168,11 @@ def _score(
         controllers=[*learned, *compared],
         impossible=impossible,
     )
+
+
+def _can_drive(env: EnvConfig, world: World, controller: Controller) -> bool:
+    """Whether a controller that drives in an environment also does where its settings are changed."""
+    return not (world.changes and why_impossible(changed(env, world.changes), controller))
 
 
 def _has_floors(world: World) -> bool:
