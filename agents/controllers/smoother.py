@@ -92,10 +92,10 @@ class SmootherFeedback(FilterFeedback):
         self.smoother = smoother_of(self.task, self.settings)
         actuation, sensing = config.actuation, config.sensing
         tells = actuation.delay == 0 and actuation.rate_limit_mm is None
-        limits_pulls = getattr(actuation, "limit_at", "tendon") == "motor"
+        limits_pulls = actuation.limit_at == "motor"
         self._ways = (-math.inf, (0.0 if limits_pulls else math.inf)) if tells else (0.0, 0.0)
         self._readable_mm = _READ_MM + 5.0 * sensing.encoder_noise_mm + sensing.encoder_resolution_mm
-        self._readable_mm += 2.0 * getattr(actuation, "dead_band_mm", 0.0)
+        self._readable_mm += 2.0 * actuation.dead_band_mm
         self._observations: deque[Any] = deque(maxlen=config.episode_steps + 1)
 
     def reset(self, mask: Mask) -> None:
@@ -194,7 +194,7 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing
-    gain_error, zero = getattr(sensing, "tension_gain_error", 0.0), getattr(sensing, "tension_offset", 0.0)
+    gain_error, zero = sensing.tension_gain_error, sensing.tension_offset
     wanders = config.load.process == "ou"
     ranges = HiddenRanges(
         force=config.load.magnitude,
@@ -215,7 +215,7 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
         low=config.tension_range[0],
         high=_high_limit(config),
         limit_sd=own.limit_sd or math.inf,
-        cells_at_tendons=getattr(sensing, "tension_at", "motor") == "tendon",
+        cells_at_tendons=sensing.tension_at == "tendon",
         tension_sd=own.tension_sd,
         tension_share=own.tension_share,
         robust=own.robust,
@@ -234,5 +234,5 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
 def _high_limit(config: TaskConfig) -> float:
     """The tension at which motors give way and take tendons along; inf where it is not known [N]."""
     actuation = config.actuation
-    low, high = getattr(actuation, "tension_limit", None) or [config.tension_range[1]] * 2
-    return high if low == high and getattr(actuation, "limit_at", "tendon") == "tendon" else math.inf
+    low, high = actuation.tension_limit or (config.tension_range[1],) * 2
+    return high if low == high and actuation.limit_at == "tendon" else math.inf

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.compiled import PinnedRange, TendonLaw
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import kernels
+from rollingjoint.estimate import equations, kernels
+from rollingjoint.estimate.arrays import MeasurementLaw, Model, MotorHistory, Track, empty_track
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior
-from rollingjoint.estimate.kernels import MeasurementLaw, Model, MotorHistory, Track
 from rollingjoint.estimate.surfaces import SurfaceTables, surface_tables
 from rollingjoint.load import LOAD_COLUMNS
 
@@ -289,7 +289,7 @@ class _Followed:
         angles = np.tile(self.chain.neutral_angles, (len(episodes), 1))
         times = self._steps if self.model.law.memory < 1.0 else 0
         forces = np.full((len(episodes), times, 2), np.nan) if forces is None else forces.copy()
-        return kernels.empty_track(episodes, links, numbers, angles, self.chain.n_tendons, forces)
+        return empty_track(episodes, links, numbers, angles, self.chain.n_tendons, forces)
 
     def followed(
         self, history: MotorHistory, episodes: Integers, links: Integers, numbers: Array, forces: Array | None = None
@@ -312,10 +312,10 @@ class _Followed:
     def proposals(self, track: Track, damping: Array, farthest: float) -> tuple[Array, Array]:
         """The minima of the normal equations, (R, K), within bounds, and the forces there, (R, T, 2)."""
         numbers, forces = np.empty_like(track.numbers), np.empty_like(track.forces)
-        kernels.propose(track, self.prior.sds, damping, farthest, numbers, np.empty(len(numbers)))
+        equations.propose(track, self.prior.sds, damping, farthest, numbers, np.empty(len(numbers)))
         numbers = self.prior.within(numbers)
         if forces.shape[1] > 0:
-            kernels.recall(track, self.prior.sds, farthest, numbers, forces)
+            equations.recall(track, self.prior.sds, farthest, numbers, forces)
         return numbers, forces
 
     def unlikely(self, track: Track) -> Array:
@@ -324,7 +324,7 @@ class _Followed:
         Source: Laplace's approximation.
         """
         volumes, rows = np.empty(len(track.steps)), np.zeros(len(track.steps))
-        kernels.propose(track, self.prior.sds, rows, 0.0, np.empty_like(track.numbers), volumes)
+        equations.propose(track, self.prior.sds, rows, 0.0, np.empty_like(track.numbers), volumes)
         unlikely: Array = track.cost + track.volume + volumes
         return unlikely
 

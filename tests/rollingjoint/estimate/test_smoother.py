@@ -11,7 +11,7 @@ from rollingjoint import CapstanFriction, WorldForce, five_link, solve_lengths_b
 from rollingjoint.chain.variations import varied_chain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoother
-from rollingjoint.estimate.kernels import MotorHistory
+from rollingjoint.estimate.arrays import MotorHistory
 from rollingjoint.estimate.smoother import _Followed
 from rollingjoint.estimate.surfaces import surface_tables
 from rollingjoint.load import load_table
