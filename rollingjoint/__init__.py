@@ -48,8 +48,9 @@ from rollingjoint.chain.presets import (
     uniform,
 )
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.spatial import SpatialChain, SpatialLink
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
+from rollingjoint.chain.spatial_joints import PointHinge, RollingContact
 from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError

@@ -14,8 +14,9 @@ Modules:
     rolling: links that roll on each other, and the arrays that kernels read.
     se3: spatial rigid-body motions.
     solution: the base class of all equilibria.
-    spatial: chains in space: joints, links, and their arrays.
+    spatial: chains in space: links, and the arrays that kernels read.
     spatial_equilibrium: their equilibria and reactions.
+    spatial_joints: their joints.
     stacks: several mechanisms as one stack of arrays.
     status: how a solve ended.
     tendon: which holes tendons pass, where they end, how stiff they are.

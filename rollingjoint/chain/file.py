@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import AXES, Bead, HingeChain
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.spatial import SpatialChain, SpatialJoint, SpatialLink
+from rollingjoint.chain.spatial import SpatialChain, SpatialLink
+from rollingjoint.chain.spatial_joints import SpatialJoint
 from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Hole, OnSurface, SpaceTendon, Tendon, Triple
 from rollingjoint.checked_yaml import (
     located,

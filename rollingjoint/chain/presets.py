@@ -8,7 +8,8 @@ from collections.abc import Callable
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.spatial import RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.spatial import SpatialChain, SpatialLink
+from rollingjoint.chain.spatial_joints import RollingContact
 from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, SpaceTendon, Tendon
 from rollingjoint.checks import as_choice, as_integer, as_positive
 from rollingjoint.profile import Profile, Surface

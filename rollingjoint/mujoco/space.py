@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain import se3
-from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain, SpatialJoint
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_joints import PointHinge, RollingContact, SpatialJoint
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mujoco.arm import numbers
 from rollingjoint.mujoco.chain import HINGE, MASS, SLIDE, equality, model_text, tendon_text

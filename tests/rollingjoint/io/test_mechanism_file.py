@@ -14,7 +14,8 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.presets import PRESETS, preset
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_joints import PointHinge, RollingContact
 from rollingjoint.chain.tendon import BeadTendon
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.friction import CapstanFriction
