@@ -20,6 +20,7 @@ from agents.runs.config import apply_overrides
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TEST, VALIDATION
+from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", choices=SEEDS, default="validation", help="episodes (default %(default)s)")
     parser.add_argument("--name", help="what tables call it (default: NAME)")
     parser.add_argument("--training-seed", type=int, help="of a learned controller: enter one per training seed")
+    parser.add_argument(
+        "--everywhere", action="store_true", help="also under all other settings that the results file has scores of"
+    )
     parser.add_argument("--alone", action="store_true", help="compare with nothing")
     parser.add_argument(
         "--beside", type=Path, help=f"results file to compare with (default: {PUBLISHED}, if it has these episodes)"
@@ -63,14 +67,16 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
     if not (env.is_tracking and env.is_built_in):
-        raise ConfigError("--env", env.id, "a tracking environment of rj_gym", "Others have no tip error.")
+        hint = "Ids begin with rj_gym/; others have no tip error."
+        raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
     name = arguments.name or arguments.controller.rpartition(":")[2]
     kind, controller = _controller(arguments.controller, env)
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
     world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
-    entered = enter(env, {name: controller}, title, world, kind, training_seed=arguments.training_seed, command=command)
+    worlds = _worlds(arguments.beside or PUBLISHED, env, world) if arguments.everywhere else [world]
+    entered = enter(env, {name: controller}, title, worlds, kind, arguments.training_seed, command)
     others = None if arguments.alone else _others(arguments.beside, env, title, world)
     print(f"{env.id}, {len(seeds):,} {arguments.seeds} episodes, seeds {seeds[0]} to {seeds[-1]}, last 10 steps")
     print(comparison_table(entered, others, world))
@@ -91,8 +97,20 @@ def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
         return ENTRY, load_controller(text)
     able, _ = opponents(env)
     if text not in able:
-        raise ConfigError("controller", text, f"FILE.py:NAME or MODULE:NAME, or one of {', '.join(able)}")
+        allowed = f"FILE.py:NAME or MODULE:NAME, or an opponent in {env.id}: {', '.join(able)}"
+        raise ConfigError("controller", text, allowed, suggestion(text, list(able)))
     return BASELINE, able[text]
+
+
+def _worlds(path: Path, env: EnvConfig, world: World) -> Sequence[World]:
+    """All worlds of a results file that has these episodes."""
+    from agents.results.entry import known_in
+    from agents.results.file import read_results
+
+    results = known_in(read_results(path), env, world)
+    if results is None:
+        raise ConfigError("--everywhere", str(path), f"results of {env.id} in the {world.name} episodes {world.seeds}")
+    return results.benchmarks[0].worlds
 
 
 def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Results:

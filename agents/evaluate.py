@@ -61,6 +61,9 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
     ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
     others = {path.name: load_driving(_other_run(path, config, seeds)) for path in arguments.beside}
+    names = [POLICY, *(path.name for path in arguments.beside), *additional, *ours]
+    if repeated := next((name for name in names if names.count(name) > 1), ""):
+        raise ConfigError("--beside or --controller", repeated, "a name that no other controller of the table has")
     controllers = {POLICY: load_driving(run, arguments.policy), **others, **additional, **ours}
     about = {
         "run": str(run.path),

@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from arm_task import failures
 
 from agents.controllers import untuned_controllers
 from agents.controllers.controller import Controller
@@ -38,7 +39,8 @@ def main() -> None:
     config, seeds = PitchYawConfig.from_dict(settings), TEST[: arguments.episodes]
     moved = payload_shifts(config, len(seeds))
     print(f"the largest payload moves tips by {np.median(moved):.1f} mm in the median, {moved.max():.1f} mm at most")
-    print(f"random actions: {failures(config, len(seeds))} of {len(seeds)} episodes without equilibrium")
+    envs = PitchYawVectorEnv(len(seeds), config=config, autoreset_mode="Disabled")
+    print(f"random actions: {failures(envs)} of {len(seeds)} episodes without equilibrium")
     env = EnvConfig("rj_gym/PitchYaw-v0", settings=settings)
     floors = episode_floor(env, seeds).errors
     print(f"floor: {floors.mean():.3g} mm on average, {floors.max():.3g} mm at most")
@@ -62,19 +64,6 @@ def payload_shifts(config: PitchYawConfig, count: int) -> np.ndarray:
     locked = unstretched_length(free.lengths, free.tensions, task.mechanism.stiffnesses)
     pulled = solve_lengths_batch(task.mechanism, locked, task.load_tables(episodes, 0), free, config.tension_range)
     return np.asarray(np.linalg.norm(pulled.tip - free.tip, axis=1))
-
-
-def failures(config: PitchYawConfig, count: int) -> int:
-    """Episodes that uniform random actions end without an equilibrium."""
-    env = PitchYawVectorEnv(count, config=config, autoreset_mode="Disabled")
-    rng, ended = np.random.default_rng(0), np.zeros(count, bool)
-    env.reset(seed=0)
-    for _ in range(config.episode_steps):
-        _, _, terminated, _, _ = env.step(rng.uniform(-1, 1, env.action_space.shape))
-        ended |= terminated
-        if terminated.any():
-            env.reset(options={"reset_mask": terminated})
-    return int(ended.sum())
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Errors in the instrument worlds against the limit of tension: of policies, of the best opponent, of the true state.
+"""Errors in the instrument worlds against the limit of tension: of policies, of the probing bank, of the true state.
 
     python benchmarks/tension_limit.py                        # an ideal limit, behind the sheath
     python benchmarks/tension_limit.py --limit-at motor       # the same worlds with a limit before the sheath
@@ -8,7 +8,7 @@ In version 0 a motor gives way exactly where the tension of its tendon, behind p
 nothing but that number is moved, `actuation.tension_limit`, or also the place where it acts: episodes, units and bounds
 of the observations stay as they are. Controllers are told of limits at the motors, and not of another number of the
 ideal one. Every line has the mean tip error over the last 10 steps under a shipped policy, where one ships, under the
-best opponent of its world and under feedback on the true state, in the same episodes, with 95 % intervals by a
+probing bank and under feedback on the true state, in the same episodes, with 95 % intervals by a
 bootstrap over the episodes, and how much of the time the policy has a tendon at the limit.
 """
 
@@ -109,7 +109,7 @@ def _policy(world: str, version: int) -> Controller | None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and limit."""
-    parser = argparse.ArgumentParser(description="What the instrument policies owe to an ideal limit of tension.")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=len(TENSION_LIMITS))
     parser.add_argument("--worlds", nargs="+", choices=POLICIES, default=list(POLICIES))
     parser.add_argument("--newtons", nargs="+", type=float, default=list(NEWTONS), help="the limits")

@@ -243,7 +243,7 @@ def test_random_actions_on_the_instrument_in_space_end_nothing_and_payloads_move
     import pitch_yaw_task
 
     config = pitch_yaw_task.PitchYawConfig()
-    assert pitch_yaw_task.failures(config, 20) == 0
+    assert pitch_yaw_task.failures(pitch_yaw_task.PitchYawVectorEnv(20, config=config, autoreset_mode="Disabled")) == 0
     assert 2.0 < np.median(pitch_yaw_task.payload_shifts(config, 20)) < 6.0
 
 

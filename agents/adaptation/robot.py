@@ -44,7 +44,7 @@ class Robot:
     Args:
         number: which one.
         mu: capstan friction of every tendon in the holes of the chain, (m,).
-        play_mm: between motor and tendon, (m,) [mm]. sheath_friction: before the base, phi, (m,).
+        play_mm: between motor and tendon, (m,) [mm]. sheath_friction: before the base, nu, (m,).
         stiffness: of the tendons over the nominal one, (m,).
         motor_offsets: error of every motor's length, (m,) [mm].
         surface_errors: displacement (x, y, angle) of every link's parent and child surface, (n, 2, 3) [mm, rad].
@@ -84,13 +84,13 @@ def robot(number: int, generation: int = 0) -> Robot:
 
     generation: 0, or 1 of the same robot with motors that have limits of their own, and homed by tension.
     """
-    limits = None
-    if generation:
+    number = as_integer("number of a robot", number, 0)
+    rng, limits = np.random.default_rng([SEED, number]), None
+    if as_integer("generation of a robot", generation, 0, 1):
         limits = np.random.default_rng([SEED, number, generation]).uniform(*TENSION_LIMIT, five_link().n_tendons)
-    rng = np.random.default_rng([SEED, as_integer("number of a robot", number, 0)])
     chain = five_link()
     m, surfaces = chain.n_tendons, (chain.n_links, 2)
-    mu, play, sheath = (rng.uniform(*limits, m) for limits in (MU, PLAY_MM, SHEATH_FRICTION))
+    mu, play, sheath = (rng.uniform(*ends, m) for ends in (MU, PLAY_MM, SHEATH_FRICTION))
     stiffness = 1.0 + _either_way(rng, STIFFNESS_ERROR, (m,))
     motors = _either_way(rng, MOTOR_OFFSET_MM, (m,))
     x, y = (_either_way(rng, SURFACE_ERROR_MM, surfaces) for _ in "xy")

@@ -37,11 +37,16 @@ class ProbeSettings(Settings):
         self._check(as_number, "sweep_mm", low=0.0, high=100.0)
         self._check(as_choice, "pattern", choices=PATTERNS)
 
+    def length(self, action_scale_mm: float) -> int:
+        """Steps of the sweep, there and back to either side."""
+        return 4 * round(self.sweep_mm / action_scale_mm)
+
     def actions(self, steps: Array, action_scale_mm: float, n_tendons: int) -> Array:
         """The actions after `steps` (B,) of episodes, (B, m); NaN once the sweep is over."""
-        turn = round(self.sweep_mm / action_scale_mm)
+        length = self.length(action_scale_mm)
+        turn = length // 4
         ways = np.where((turn <= steps) & (steps < 3 * turn), -1.0, 1.0)
-        ways = np.where(steps < 4 * turn, ways, np.nan)
+        ways = np.where(steps < length, ways, np.nan)
         signs = (-1.0) ** np.arange(n_tendons) if self.pattern == "apart" else np.ones(n_tendons)
         return np.asarray(ways[:, None] * signs)
 

@@ -84,6 +84,8 @@ class SmootherFeedback(FilterFeedback):
 
     def __init__(self, settings: SmootherFeedbackSettings | None = None) -> None:
         super().__init__(settings or SmootherFeedbackSettings())
+        self._motors = self._actions = np.empty((0, 0))
+        self._banks: dict[int, Bank] = {}
 
     def bind(self, task: TrackingTask | None) -> None:
         """Take over the task; raises InvalidInput for one that the smoother does not know."""
@@ -103,12 +105,12 @@ class SmootherFeedback(FilterFeedback):
         super().reset(mask)
         self.smoother.reset(mask)
         if mask.all():
-            self._banks: dict[int, Bank] = {}
+            self._banks = {}
             self._observations.clear()
         self._banks = {episode: bank for episode, bank in self._banks.items() if not mask[episode]}
         empty = np.zeros((len(mask), self.task.mechanism.n_tendons))
-        self._motors = restarted(getattr(self, "_motors", empty), mask, empty)
-        self._actions = restarted(getattr(self, "_actions", empty), mask, empty)
+        self._motors = restarted(self._motors, mask, empty)
+        self._actions = restarted(self._actions, mask, empty)
 
     def act(self, observations: Any) -> Array:
         """Actions of the motors, (B, m)."""
@@ -224,7 +226,7 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
         position_sd=own.picture_share * max(random.position_noise_mm, _SHARP_MM),
     )
     links = range(1, mechanism.n_links) if config.load.link == "random" else [mechanism.n_links - 1]
-    first = 1 + max(4 * round(settings.probe.sweep_mm / config.action_scale_mm), 4)
+    first = 1 + max(settings.probe.length(config.action_scale_mm), 4)
     searches = [1 + (first - 1) * 2**number for number in range(own.searches)]
     effort = Effort(every=own.every, searches=searches, starts=own.starts)
     steps, pictured = config.episode_steps + 1, sensing.pose != "none"

@@ -67,7 +67,8 @@ def _file_of(name: str, version: int | None) -> Path:
     versions = {number: path for (each, number), path in _shipped().items() if each == name}
     number = max(versions) if version is None else version
     if number not in versions:
-        raise PolicyError(f"version of the policy {name!r}", version, f"one of {', '.join(map(str, sorted(versions)))}")
+        allowed = f"one of {', '.join(map(str, sorted(versions)))}"
+        raise PolicyError(f"version of the policy {name!r}", version, allowed, "Others are trained with rj train.")
     return versions[number]
 
 

@@ -173,7 +173,7 @@ class ShippedPolicy(Controller):
         """Raise PolicyError for settings of another version of environments, with other motors and sensors."""
         row, version = registration_of(settings), self._version
         if row is not None and row.version != version:
-            hint = f"load_policy(name, version={row.version}) is for that one, where it ships."
+            hint = f"Train one for {row.env_id} with rj train, or load one that ships for it."
             raise PolicyError("environment", row.env_id, f"{self.env_id}, as {self.name!r} was trained", hint)
 
     @property

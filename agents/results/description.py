@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import (
@@ -15,6 +14,7 @@ from rj_gym.tracking.config import (
     RandomizationConfig,
     TaskConfig,
 )
+from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
 
 
 def description(config: TaskConfig) -> str:
@@ -22,15 +22,16 @@ def description(config: TaskConfig) -> str:
     mechanism = task_of(config).mechanism
     path = f"follows a path through {config.target.waypoints} points"
     way = "goes to a fixed target" if config.target.process == "fixed" else path
-    start = "random tensions" if config.start == "random" else f"tensions of {config.start_tension:g} N"
+    tensions = f"tensions of {config.start_tension:g} N"
+    start = {"random": "random tensions", "measured": f"measured {tensions}"}.get(config.start, tensions)
     sentences = [
         f"Mechanism {mechanism.name or 'without a name'} ({mechanism.parts}, {mechanism.n_tendons} tendons, "
         f"{mechanism.length:g} mm): the tip {way} in {config.episode_steps} steps of at most "
         f"{config.action_scale_mm:g} mm of each tendon, from {start}.",
         *(_arm_loads(config) if isinstance(config, FlexibleArmConfig) else _loads(config)),
         _rubbing(config.friction),
-        _actuation(getattr(config, "actuation", None)),
-        _sensing(getattr(config, "sensing", None)),
+        _actuation(config.actuation),
+        _sensing(config.sensing),
         _noise(config.randomization),
         _randomised(config.randomization),
     ]
@@ -82,10 +83,8 @@ def _rubbing(settings: FrictionConfig | None) -> str:
     return f"Tendons rub in their holes, by a hidden coefficient {drawn}, {whose}."
 
 
-def _actuation(settings: Any) -> str:
+def _actuation(settings: ActuationConfig) -> str:
     """How motors move tendons, where that is not exact."""
-    if settings is None:
-        return ""
     (smallest, largest), (low, high) = settings.play_mm, settings.sheath_friction
     parts = {
         f"a play of {_between(smallest, largest)} mm between motor and tendon": largest,
@@ -93,21 +92,24 @@ def _actuation(settings: Any) -> str:
     }
     hidden = [text for text, size in parts.items() if size]
     slow = settings.rate_limit_mm is not None
+    limit = _between(*settings.tension_limit) if settings.tension_limit else "the highest tension"
+    stops = "A motor that pulls stops where the tension before the sheath is its limit"
     return " ".join(
         sentence
         for sentence, applies in (
             (f"Every tendon has {' and '.join(hidden)}, hidden.", bool(hidden)),
             (f"Motors move by at most {settings.rate_limit_mm or 0:g} mm in a step.", slow),
             (f"Actions act {settings.delay} steps late.", settings.delay > 0),
+            (f"Motors give way at a tension of {limit} N.", settings.tension_limit and settings.limit_at == "tendon"),
+            (f"{stops}, {limit} N.", settings.limit_at == "motor"),
+            (f"Motors rest within {settings.dead_band_mm:g} mm of where they are commanded.", settings.dead_band_mm),
         )
         if applies
     )
 
 
-def _sensing(settings: Any) -> str:
+def _sensing(settings: SensingConfig) -> str:
     """The measured part of the pose; empty where the whole pose is measured at every step."""
-    if settings is None:
-        return ""
     sight = {"none": "Neither pose nor tip is measured.", "tip": "Of the pose only the tip is measured."}
     often = "at every step" if settings.period == 1 else f"at every {settings.period}th step"
     late = settings.pose != "none" and (settings.period > 1 or settings.delay > 0)

@@ -8,12 +8,13 @@ from agents.controllers.controller import Controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import shipped_policies
 from agents.results.description import description
-from agents.results.environment import environment_of, episodes_key, plain
+from agents.results.environment import changed, environment_of, episodes_key, plain
 from agents.results.merging import merged
 from agents.results.record import (
     BASELINE,
     ENTRY,
     POLICY,
+    SWEEP,
     BenchmarkRecord,
     ControllerRecord,
     EpisodeScores,
@@ -21,7 +22,7 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import is_privileged, opponents
+from agents.results.roster import can_drive, is_privileged, opponents
 from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
 from agents.runs.environment import EnvConfig
@@ -32,12 +33,12 @@ def enter(
     env: EnvConfig,
     controllers: Mapping[str, Controller],
     title: str,
-    world: World,
+    worlds: Sequence[World],
     kind: str = ENTRY,
     training_seed: int | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Results of one benchmark: the episodes of controllers in a world.
+    """Results of one benchmark: the episodes of controllers in worlds, without those that a controller refuses.
 
     Args:
         env: a tracking environment. controllers: by name. title: of the benchmark, where no other results give one.
@@ -45,11 +46,19 @@ def enter(
     """
     records = []
     for name, controller in controllers.items():
-        driven = EpisodeScores.of(run_episodes(env, controller, world.seeds), complete=True)
-        run = RunRecord({world.name: driven}, training_seed)
+        run = RunRecord(
+            {
+                world.name: EpisodeScores.of(
+                    run_episodes(changed(env, world.changes), controller, world.seeds), world.role != SWEEP
+                )
+                for world in worlds
+                if can_drive(env, world, controller)
+            },
+            training_seed,
+        )
         records.append(ControllerRecord(name, kind, [run], is_privileged(controller)))
     text = description(env.arguments()["config"])
-    record = BenchmarkRecord(title, text, env.id, plain(env), [world], records)
+    record = BenchmarkRecord(title, text, env.id, plain(env), list(worlds), records)
     return Results([record], [" ".join(command)] if command else [])
 
 
@@ -60,7 +69,7 @@ def shipped(env: EnvConfig, title: str, world: World) -> Results:
         policy.name: policy for policy in shipped_policies() if episodes_key(policy.environment) == key
     }
     able, _ = opponents(env)
-    return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])
+    return merged([enter(env, ours, title, [world], POLICY), enter(env, able, title, [world], BASELINE)])
 
 
 def known_in(results: Results, env: EnvConfig, world: World) -> Results | None:

@@ -44,7 +44,8 @@ DPI = 110
 
 LEARNING = (
     "Mean tip error at the end in the evaluations during training over {}: mean of the seeds, band: its 95 % interval "
-    "over the seeds; black: Jacobian feedback, the best opponent, the floor. All in the episodes of these evaluations."
+    "over the seeds; black: Jacobian feedback, the floor, and, by its name, the best opponent of those that were "
+    "scored with the learners. All in the episodes of these evaluations."
 )
 VARIED = (
     "Mean tip error of the last 10 steps over the {}: the best learner and the best opponent of every task, and others "

@@ -6,6 +6,8 @@ from agents.controllers.controller import Controller, env_for
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.residual import controllers_in
 from agents.controllers.tuned import WORLDS
+from agents.results.environment import changed
+from agents.results.record import World
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import VALIDATION
 from rollingjoint.errors import InvalidInput
@@ -33,6 +35,11 @@ def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
 def is_privileged(controller: object) -> bool:
     """True for a controller that sees the true state, which no robot shows: it has a true attribute `privileged`."""
     return bool(getattr(controller, "privileged", False))
+
+
+def can_drive(env: EnvConfig, world: World, controller: Controller) -> bool:
+    """Whether a controller that drives in an environment also does where its settings are changed."""
+    return not (world.changes and why_impossible(changed(env, world.changes), controller))
 
 
 def why_impossible(env: EnvConfig, controller: Controller) -> str:

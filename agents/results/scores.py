@@ -34,7 +34,7 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import candidates, is_privileged, opponents, why_impossible
+from agents.results.roster import can_drive, candidates, is_privileged, opponents
 from agents.results.runs import CHECKPOINT, Benchmark, FinishedRun, Recipe, recipe_name, stages
 from agents.results.standings import FEEDBACK
 from agents.results.worlds import ScoringPlan, worlds_of
@@ -141,7 +141,7 @@ def _score(
     ]
     for name, controller in able.items():
         own_env = env_for(env, controller)
-        driven.append((own_env, name, [world for world in worlds if _can_drive(own_env, world, controller)]))
+        driven.append((own_env, name, [world for world in worlds if can_drive(own_env, world, controller)]))
     parts = [
         _WorldUnit(changed(own_env, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
         for own_env, driver, own_worlds in driven
@@ -168,11 +168,6 @@ def _score(
         controllers=[*learned, *compared],
         impossible=impossible,
     )
-
-
-def _can_drive(env: EnvConfig, world: World, controller: Controller) -> bool:
-    """Whether a controller that drives in an environment also does where its settings are changed."""
-    return not (world.changes and why_impossible(changed(env, world.changes), controller))
 
 
 def _has_floors(world: World) -> bool:

@@ -112,7 +112,7 @@ def _observed_error(config: TrainConfig) -> ObservedError | None:
     """
     if config.policy.form != GAIN:
         return None
-    with prefixed("policy.form: "):
+    with prefixed("policy.form = 'gain': "):
         return task_of(config.env.arguments()["config"]).observed_error(config.env.has_goals)
 
 

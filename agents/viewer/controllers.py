@@ -52,7 +52,7 @@ class OfferedController:
 @cache
 def worlds() -> Mapping[str, EnvConfig]:
     """The tracking environments by a title: the environments of rj_gym, and the ones of shipped policies."""
-    environments = {name.removeprefix("rj_gym/"): EnvConfig(name) for name in IDS if not name.endswith("Goal-v0")}
+    environments = {name.removeprefix("rj_gym/"): EnvConfig(name) for name in IDS if not EnvConfig(name).has_goals}
     keys = {episodes_key(env) for env in environments.values()}
     for policy, key in _policies():
         if key not in keys:

@@ -135,9 +135,9 @@ def _stop_motor(hardware, readings, lane, j):
     q, goal = motors[lane, MOTOR, j], motors[lane, NEXT_MOTOR, j]
     if goal >= q or limits[lane, BOUND, j] < math.inf:
         return
-    half, phi = hardware.half_play[lane, j], hardware.sheath[lane, j]
+    half, nu = hardware.half_play[lane, j], hardware.sheath[lane, j]
     tension, limit = readings[lane, TENSIONS + j], limits[lane, LIMIT, j]
-    end = pull_end(motors[lane, ASKED, j], q, goal, tension, limit, phi, half)
+    end = pull_end(motors[lane, ASKED, j], q, goal, tension, limit, nu, half)
     if end > goal:
         motors[lane, NEXT_MOTOR, j] = motors[lane, NEXT_GOAL, j] = end
         limits[lane, STOP, j] = STAYS if end == q else IN_PLAY

@@ -189,7 +189,7 @@ def observed_error(config: TaskConfig, entries: list[Entry]) -> ObservedError:
     errors = [entry.name for entry in position_error_entries(config)]
     if not set(errors) <= set(names):
         allowed = "an environment whose observation vector has its entries"
-        raise ConfigError("tip error", "not observed", allowed, "The tip is not seen, or goals are apart.")
+        raise ConfigError("tip error", "not observed", allowed, "Here the tip is not seen, or goals are apart.")
     return ObservedError(tuple(map(names.index, errors)), float(config.reward.error_scale_mm))
 
 

@@ -25,9 +25,9 @@ class Tangent(NamedTuple):
     """The state of B lanes after a step, and how it answers the commands of the m tendons; fresh arrays.
 
     A tendon's command p follows the position q of its motor through play: |p - q| <= half_play. The motor measures
-    T exp(sheath u), u = (p - q) / half_play. `held` tendons are at a tension limit and stay there: motors and
+    T exp(sheath zeta), zeta = (p - q) / half_play. `held` tendons are at a tension limit and stay there: motors and
     commands move with their lengths, and have no effect. A limit at the motor can also end a pull while the tendon
-    stays: in the play, where T exp(sheath u) is the limit, or at once, so that the motor stays.
+    stays: in the play, where T exp(sheath zeta) is the limit, or at once, so that the motor stays.
     """
 
     motors: Array  # q, (B, m) mm

@@ -127,7 +127,7 @@ class Memory:
     update: Callable[[Step], Array]
 
     def __post_init__(self) -> None:
-        _check_function("memory", self.update)
+        _check_function("update of a memory", self.update)
         allowed = "a list of at least one finite number"
         try:
             start = tuple(float(value) for value in self.start)
@@ -338,12 +338,23 @@ def _read_only(view: Array) -> Array:
 
 def _values(section: str, name: str, values: Any, shape: tuple[int, ...]) -> Array:
     """The values of a function as finite floats of a shape; raises InvalidInput."""
-    return _finite(f"terms.{section}[{name!r}]", np.asarray(values, float), shape)
+    what = f"terms.{section}[{name!r}]"
+    return _finite(what, _numbers(what, values, shape), shape)
+
+
+def _numbers(what: str, values: Any, shape: tuple[int, ...]) -> Array:
+    """The values as floats; raises InvalidInput for anything that is no array of them."""
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise InvalidInput(what, values, f"finite numbers of shape {shape}") from None
 
 
 def _remembered(values: Any, shape: tuple[int, ...]) -> Array:
     """The values of an update as finite floats (B, width), a column where there is one; raises InvalidInput."""
-    array = np.asarray(values, float)
+    if values is None:
+        raise InvalidInput("terms.memory", values, f"finite numbers of shape {shape}", "The update returns nothing.")
+    array = _numbers("terms.memory", values, shape)
     if array.ndim == 1 and shape[1] == 1:
         array = array[:, None]
     return _finite("terms.memory", array, shape)

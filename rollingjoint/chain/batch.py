@@ -51,7 +51,7 @@ class PinnedRange:
     def __init__(self, kernels: Kernels, batch: Any, memory: Array | None = None) -> None:
         alone, self._is_long = len(batch.starts) == 1, batch.starts.shape[1] > kernels.most_joints
         if memory is None:
-            memory = kernels.memory(batch) if kernels.memory and alone and not self._is_long else np.zeros(0)
+            memory = kernels.memory(batch) if alone and not self._is_long else np.zeros(0)
         self._batch, self._pinned, self.entry = batch, Pinned(kernels.pinned_batch(batch, memory)), 0
         self.pins = self._pinned.address_for(kernels.pinned_batch)
         if not self._is_long:

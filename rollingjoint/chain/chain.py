@@ -46,19 +46,20 @@ class Kernels:
         pinned_batch: NamedTuple of a batch and the memory of `memory`; address for both kernels below.
         solve, solve_alone: of (address, first, last), eight rows side by side or one by one; number of rows left.
         memory: of a batch, the memory in which a batch of one row is solved.
+        most_joints: longer chains are left to the general solver.
         step: of the fields of a batch, FrictionArrays, first and last; number of rows left.
-        most_joints, most_with_friction: longer chains are left to the general solver; 0: there are no lanes.
+        most_with_friction: longer chains take steps with friction in the general solver; 0: all do.
     """
 
     batch_arrays: type[Any]
     new_results: Callable[..., Any]
     torques: str
     pinned_batch: type[Any]
-    solve: Any = None
-    solve_alone: Any = None
-    memory: Callable[[Any], Array] | None = None
+    solve: Any
+    solve_alone: Any
+    memory: Callable[[Any], Array]
+    most_joints: int
     step: Any = None
-    most_joints: int = 0
     most_with_friction: int = 0
     pivots: str = ""
 

@@ -62,11 +62,10 @@ class SpatialEquilibrium(EquilibriumInSpace):
     @property
     def arc_lengths(self) -> Array:
         """(n - 1,) contact on both surfaces [mm]; NaN at joints without surfaces."""
-        angles = self._rows(self.joint_angles)
-        chains = self.mechanism if isinstance(self.mechanism, tuple) else (self.mechanism,) * len(angles)
+        (_, designs), angles = self._designs, self._rows(self.joint_angles)
         s = np.empty_like(angles)
-        for chain in distinct(chains):
-            rows = [row for row, other in enumerate(chains) if other is chain]
+        for design, chain in enumerate(self._chains):
+            rows = designs == design
             for i, joint in enumerate(chain.joints):
                 s[rows, i] = joint.arc_lengths(angles[rows, i])
         return s.reshape(self.joint_angles.shape)
@@ -125,9 +124,13 @@ class SpatialEquilibrium(EquilibriumInSpace):
     @cached_property
     def _half_widths(self) -> Array:
         """(n - 1,) of the contact lines [mm]; inf at hinges."""
-        chains = self.mechanism if isinstance(self.mechanism, tuple) else (self.mechanism,)
-        widths = np.array([[joint.line for joint in chain.joints] for chain in chains])
-        return widths if isinstance(self.mechanism, tuple) else widths[0]
+        widths = np.array([[joint.line for joint in chain.joints] for chain in self._chains])
+        return widths[self._designs[1]].reshape(self.joint_angles.shape)
+
+    @property
+    def _chains(self) -> tuple[SpatialChain, ...]:
+        """The distinct chains, which `_designs` numbers."""
+        return distinct(self.mechanism) if isinstance(self.mechanism, tuple) else (self.mechanism,)
 
     @property
     def _ends(self) -> tuple[Array, Array]:

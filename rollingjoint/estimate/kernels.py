@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 
-from rollingjoint.chain.status import Status
 from rollingjoint.compiled import (
     PENDING,
     PinnedBatch,
@@ -21,8 +20,8 @@ from rollingjoint.compiled import (
     kernel,
     part,
     play_contact,
-    play_place,
     play_step,
+    sheath_direction,
     sheath_ratio,
     unstretched_length,
 )
@@ -37,10 +36,10 @@ from rollingjoint.estimate.derivatives import (
 )
 from rollingjoint.estimate.equations import add, eliminate
 from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import AT_LIMIT
 from rollingjoint.kernels.batch import stiffness_at
 from rollingjoint.load import LOAD_COLUMNS
 
-AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 LINK = LOAD_COLUMNS.index("link")
 NARROW = 1e-6  # mm: half the width of a play that is none
 LOST = 100.0  # cost of a step without a usable equilibrium
@@ -262,7 +261,7 @@ def _take_tensions(model, history, track, scratch, row):
         friction = 0.0 if law.cells_at_tendons else numbers[at.frictions + j]
         shift = history.shifts[episode, step, j]
         width = half if half > NARROW else 0.0
-        place = min(max(play_place(track.played[row, j], history.motors[episode, step, j], width), -1.0), 1.0)
+        place = sheath_direction(track.played[row, j], history.motors[episode, step, j], width)
         tension, ratio = track.tensions[row, j], gain * sheath_ratio(friction, place)
         expected = ratio * tension + numbers[at.zeros + j]
         for k in range(column.size):

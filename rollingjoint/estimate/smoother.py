@@ -15,7 +15,7 @@ from rollingjoint.compiled import PinnedRange, TendonLaw
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import equations, kernels
 from rollingjoint.estimate.arrays import MeasurementLaw, Model, MotorHistory, Track, empty_track
-from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior
+from rollingjoint.estimate.hidden import HiddenPrior
 from rollingjoint.estimate.surfaces import SurfaceTables, surface_tables
 from rollingjoint.load import LOAD_COLUMNS
 
@@ -98,7 +98,8 @@ class Smoother:
     ) -> None:
         if chain.springs or chain.has_friction:
             raise InvalidInput("mechanism", chain, "a chain without springs and friction", "The smoother knows none.")
-        self.chain, self.prior, self.effort, self._links = chain, prior, effort or Effort(), list(links)
+        self.prior, self.effort, self._links = prior, effort or Effort(), list(links)
+        self._count = -1  # no episodes yet
         self._pictured = chain.n_joints if pictured else 0
         self._before = 1 if math.isfinite(law.shown_sd) else 0  # steps of a history before those that are measured
         self._steps, self._n_tendons = self._before + steps, chain.n_tendons
@@ -111,7 +112,7 @@ class Smoother:
     def reset(self, mask: Mask) -> None:
         """Begin the episodes of the mask, (N,), without measurements; all where N has changed."""
         count, m = len(mask), self._n_tendons
-        if count != getattr(self, "_count", -1):
+        if count != self._count:
             self._count, mask = count, np.ones(count, bool)
             pictures = np.full((count, self._steps, self._pictured, 3), np.nan)
             motors, shifts, tensions = (np.zeros((count, self._steps, m)) for _ in range(3))
@@ -352,6 +353,3 @@ def _put(track: Track, rows: Integers, other: Track, places: Integers | None = N
     """Replace rows of a track by those of another one at these places, by all of them if None."""
     for values, others in zip(track, other, strict=True):
         values[rows] = others if places is None else others[places]
-
-
-__all__ = ["Effort", "HiddenLayout", "Smoothed", "Smoother"]

@@ -1,6 +1,6 @@
 """Compiled kernels: arrays in, arrays and an integer status out. Kernels do not raise.
 
-Importing the package registers the formulas of both classes of chains (formulas.py).
+Importing the package registers the formulas of all classes of chains (formulas.py).
 
 Modules:
     arrays: status codes, the tendon law, tolerances.
@@ -26,7 +26,7 @@ Modules:
     rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
     rolling_lanes: planar chains in lanes, without and with friction.
     rolling_solve: one equilibrium of a planar chain, one step with friction, and the place of results.
-    rubbed: steps with friction for all cases, histories and stiffness, row by row.
+    rubbed: steps with friction of the general solver, histories and stiffness, row by row.
     rubbed_block: steps with friction in lanes.
     rubbed_chain: a chain with friction, and its steps.
     settle: one equilibrium from one start, with fallbacks.

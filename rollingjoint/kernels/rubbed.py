@@ -1,4 +1,4 @@
-"""Steps with friction for all cases, row by row: the solver, the first histories, and the stiffness after a step."""
+"""The general solver of steps with friction, row by row, first histories, and the stiffness after a step."""
 
 from __future__ import annotations
 

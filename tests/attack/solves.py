@@ -9,12 +9,13 @@ from rollingjoint import HingeChain, RollingChain, SpatialChain, Status, solve_l
 from tests.attack import drawing
 from tests.attack.arms import ArmGeometry
 from tests.attack.law import tendon_energy, tendon_tensions
+from tests.attack.ledger import LONGEST
 from tests.attack.minima import minimum
 from tests.attack.planar import PlanarGeometry
 from tests.attack.space import SpaceGeometry
 
 ROWS, HARD_ROWS = 8192, 512
-LONGEST_BATCH = 12.0  # s of processor time: 256 steps with friction of a taut arm of 32 hinges take 5
+LONGEST_WITH_FRICTION = 12.0  # s of processor time: 256 steps with friction of a taut arm of 32 hinges take 5
 STEPS_WITH_FRICTION = 4
 PLACE, LENGTH = 1e-7, 1e-7  # mm: how far poses and lengths may be off
 BALANCE = 1e-7  # N·mm, and times 1e-7 of the sum of the terms: how far moments may be off
@@ -95,7 +96,7 @@ class _Recomputed:
             tensions = pick.gap_tensions
         torque, size, normal = self.geometry.imbalance(cuts, case.tables[rows], tensions, before)
         self._balance(found, pick, torque, size, clear)
-        if hasattr(self.geometry, "unbalanced"):
+        if isinstance(self.geometry, SpaceGeometry):
             share = self.geometry.unbalanced(cuts, case.tables[rows], tensions, pick.reactions) / BALANCE
             _note(found, "balance of links", ~(share.max(axis=1) <= 1.0) & clear, rows, share.max(axis=1))
         elif normal is not None:
@@ -195,7 +196,7 @@ def cases(rng, family=None):
 def attack(rng, report):
     """One round: some thousand rows, recomputed; a few of them solved again one by one; energies of a few."""
     for case, invalid in cases(rng):
-        with report.limited("a batch", LONGEST_BATCH):
+        with report.limited("a batch", LONGEST if case.before is None else LONGEST_WITH_FRICTION):
             result = case.solve()
         found, checked = case.faults(result, invalid)
         report.count("solves", len(invalid))

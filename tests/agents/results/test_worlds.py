@@ -21,7 +21,9 @@ from agents.results.worlds import AXES, NOTES, TASK_NOTES, ScoringPlan, task_not
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
+from rj_gym import InstrumentConfig, InstrumentV1Config
 from rj_gym.tracking.config import FlexibleArmConfig, FrictionConfig, TrackingConfig
+from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
 
 
 def test_what_a_learner_remembers_makes_no_other_task_but_what_is_measured_does():
@@ -130,20 +132,16 @@ def test_an_opponent_that_does_not_find_what_it_needs_is_left_out_and_says_why(m
 
 
 def test_a_task_with_play_and_late_pictures_is_described():
-    actuation = SimpleNamespace(play_mm=(0.5, 3.0), sheath_friction=(0.0, 0.6), rate_limit_mm=0.5, delay=2)
-    text = _actuation(actuation)
+    text = _actuation(ActuationConfig(play_mm=(0.5, 3.0), sheath_friction=(0.0, 0.6), rate_limit_mm=0.5, delay=2))
     assert "a play of 0.5 to 3 mm between motor and tendon and sheath friction of 0 to 0.6 that" in text
     assert text.endswith("Motors move by at most 0.5 mm in a step. Actions act 2 steps late.")
-    exact = SimpleNamespace(play_mm=(0.0, 0.0), sheath_friction=(0.0, 0.0), rate_limit_mm=None, delay=0)
-    off = {"position_bias_mm": 0.0, "angle_bias_rad": 0.0, "encoder_noise_mm": 0.0}
-    assert _actuation(exact) == _actuation(None) == _sensing(None) == ""
-    late = SimpleNamespace(pose="all", period=5, delay=3, tension_noise=0.1, **off)
+    assert _actuation(ActuationConfig()) == _sensing(SensingConfig()) == ""
+    late = SensingConfig(period=5, delay=3, tension_noise=0.1)
     assert _sensing(late) == (
         "A picture of the pose comes at every 5th step, 3 steps late. Measured tensions are noisy (standard deviation "
         "0.1 N)."
     )
-    blind = SimpleNamespace(pose="none", period=1, delay=0, tension_noise=0.0, **off)
-    assert _sensing(blind) == "Neither pose nor tip is measured."
+    assert _sensing(SensingConfig(pose="none")) == "Neither pose nor tip is measured."
 
 
 @pytest.mark.parametrize("world", ["Instrument", "InstrumentShift"])
@@ -181,3 +179,9 @@ def test_runs_that_began_from_runs_of_their_own_seed_are_one_recipe():
     fresh = TrainConfig.from_dict(settings)
     one, other = (replace(fresh, seed=seed, start_from=f"/runs/first/seed_{seed}") for seed in (1, 2))
     assert _without_seed(one) == _without_seed(other) != _without_seed(fresh)
+
+
+def test_the_motors_and_sensors_of_version_1_are_described():
+    text = description(InstrumentV1Config())
+    assert "from measured tensions of 3 N" in text and "limit, 10 to 30 N" in text and "0.02 mm" in text
+    assert text != description(InstrumentConfig())

@@ -138,6 +138,8 @@ def test_wrong_numbers_are_refused(capsys):
         assert "error:" in capsys.readouterr().err
     with pytest.raises(InvalidInput, match=">= 0"):
         robot(-1)
+    with pytest.raises(InvalidInput, match=">= 0"):
+        robot(-1, 1)
     with pytest.raises(InvalidInput, match="1 or more"):
         robots([])
 
