@@ -51,9 +51,16 @@ def test_a_task_without_poses_is_described_and_has_curves_of_play_and_friction()
         "More sheath friction than in training, 0 to 0.6",
     ]
     axes = {world.axis for world in found if world.role == SWEEP}
-    assert axes == {axis.label for axis in AXES}
+    assert axes == {axis.label for axis in AXES if axis.name != "limit"}
     able, impossible = opponents(env)
     assert "open loop" in able and "jacobian feedback" in impossible
+
+
+def test_worlds_with_the_motors_of_a_rig_have_a_curve_over_their_limit():
+    found = worlds_of(EnvConfig("rj_gym/Instrument-v1"), ScoringPlan(range(9_000_000, 9_000_004), range(2), 2))
+    limits = [world for world in found if world.axis == "limit of tension [N]"]
+    assert [world.value for world in limits] == [10, 15, 20, 30, 45, 60] and limits[0].trained == (10, 30)
+    assert "Stronger motors than in training, 30 to 45 N" in [world.name for world in found if world.role == SHIFT]
 
 
 @pytest.mark.parametrize("world", ["Instrument", "InstrumentShift", "SlowCamera", "LatePose"])
