@@ -12,18 +12,23 @@ That is an estimate of what can be known along these motions, not a bound. The d
 play every tendon is, which makes it too small. They take uniform distributions as normal ones, and where motors are
 after the start as given, although where a motor gives way at the limit of tension tells something: both make it too
 large. Episodes whose tips this model does not find again from the motors' positions are left out of both figures.
+
+An arm has more hidden numbers: gravity, payload, offsets, stiffnesses, play, sheath friction and places in the play of
+all tendons, friction in the holes of the beads, and stiffness and weight of every bead. Their derivatives are exact,
+and a motor that gives way tells that its tension is at the limit.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from agents.controllers.arm_smoother import arm_ranges
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers
 from agents.runs.environment import EnvConfig, make_vector_env
@@ -31,6 +36,7 @@ from agents.shipped import load_policy
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.variations import ChainVariations
+from rollingjoint.estimate import ArmLaw, ArmPrior, ArmRows, FollowedArm, MotorHistory
 from rollingjoint.load import load_table
 from rollingjoint.tables import markdown_table
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
@@ -38,12 +44,15 @@ from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
 Array = NDArray[np.float64]
 
 POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
+ARM, ARM_POLICY, ARM_DRIVERS = "ArmInstrument", "arm_instrument", ("probing filter", "smoother")
 
 FIRST_SEED = 5_500_000  # of episodes that nothing was tuned or chosen on
 ENCODER_SD = 1e-3  # mm: of motor positions, which are measured exactly
 REACH = 1e-3  # standard deviations: of the central differences
 SAME = 1e-6  # mm: by how much the model may miss the environment's tips
-_DRAWS = np.random.default_rng(0).standard_normal((4000, 2))
+SAME_ARM = 1e-4  # mm: friction has its own tolerance
+LIMIT_SD = 0.01  # N: of the tension at which a motor gives way
+YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
 
 
 class Hidden(NamedTuple):
@@ -100,25 +109,80 @@ def spreads(config: TrackingConfig) -> Array:
     ).vectors()[0]
 
 
-def drive(env: EnvConfig, controller: Controller, episodes: int) -> Driven:
-    """Episodes of these seeds under the controller."""
+class Watched(NamedTuple):
+    """Episodes of an environment under a controller."""
+
+    task: Any
+    drawn: dict[str, Any]  # info["sampled"]
+    motors: Array  # (B, T + 1, m) mm
+    shifts: Array  # how far motors have given way in a step, (B, T + 1, m) mm
+    tips: Array  # (B, T + 1, d) mm
+    errors: Array  # of the last step, (B,) mm
+
+
+def watch(env: EnvConfig, controller: Controller, episodes: int) -> Watched:
+    """Episodes of the first seeds under the controller."""
     envs = make_vector_env(env, episodes)
     envs.autoreset_mode = AutoresetMode.DISABLED
     observation, info = envs.reset(seed=list(range(FIRST_SEED, FIRST_SEED + episodes)))
-    drawn, nominal = info["sampled"], five_link()
+    drawn, scale = info["sampled"], envs.task.config.action_scale_mm
+    controller.begin(envs.task, episodes)
+    tangents = [envs.tangent()]
+    shifts = [np.zeros_like(tangents[0].motors)]
+    for _ in range(envs.task.config.episode_steps):
+        actions = np.clip(controller.act(observation), -1.0, 1.0).astype(np.float32)
+        observation, _, _, _, info = envs.step(actions)
+        tangents.append(envs.tangent())
+        ways = tangents[-1].motors - (tangents[-2].motors - scale * actions)
+        shifts.append(np.where(np.abs(ways) > YIELD, ways, 0.0))
+    envs.close()
+    motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
+    return Watched(envs.task, drawn, motors, np.stack(shifts, axis=1), tips, info["error_mm"])
+
+
+def drive(env: EnvConfig, controller: Controller, episodes: int) -> Driven:
+    """Episodes of an instrument of these seeds under the controller."""
+    watched, nominal = watch(env, controller, episodes), five_link()
+    drawn = watched.drawn
     hidden = Hidden(
         drawn.get("surface_offsets", np.zeros((episodes, 5, 2, 3))), drawn["forces"][:, 0], drawn["actuator_offsets"],
         drawn["stiffnesses"] / nominal.stiffnesses, drawn["play_mm"], drawn["sheath_friction"],
         drawn["motor_starts"] / drawn["play_mm"],
     )  # fmt: skip
-    controller.begin(envs.task, episodes)
-    tangents = [envs.tangent()]
-    for _ in range(envs.task.config.episode_steps):
-        observation, _, _, _, info = envs.step(controller.act(observation))
-        tangents.append(envs.tangent())
-    envs.close()
-    motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
-    return Driven(envs.task.config, hidden, motors, tips, info["error_mm"])
+    return Driven(watched.task.config, hidden, watched.motors, watched.tips, watched.errors)
+
+
+def follow_arm(watched: Watched) -> tuple[ArmPrior, ArmRows]:
+    """What is known of an arm before its episodes, and their true hidden numbers followed along them."""
+    config, arm, drawn = watched.task.config, watched.task.mechanism, watched.drawn
+    prior = ArmPrior.of(arm, arm_ranges(config))
+    mu = drawn["friction_mu"][:, : prior.layout.hinges - prior.layout.holes]
+    truth = np.hstack([
+        drawn["gravity"][:, :2], drawn["payloads"][:, :1], drawn["actuator_offsets"],
+        drawn["stiffnesses"] / arm.stiffnesses, 0.5 * drawn["play_mm"], drawn["sheath_friction"],
+        drawn["motor_starts"] / drawn["play_mm"], np.maximum(mu, prior.low[prior.layout.holes]),
+        drawn["hinge_stiffnesses"] / arm.joint_stiffnesses, drawn["weights"] / arm.weights,
+    ])  # fmt: skip
+    low, high = config.tension_range
+    noise, presliding = config.sensing.tension_noise, config.friction.presliding
+    law = ArmLaw(config.start_tension, ENCODER_SD, low, high, LIMIT_SD, noise, 0.0, np.inf, presliding)
+    episodes, steps, _ = watched.motors.shape
+    unread = np.zeros_like(watched.motors)  # tensions count by their derivatives alone
+    pictures = np.zeros((episodes, steps, 0, 3))
+    history = MotorHistory(np.full(episodes, steps), watched.motors, watched.shifts, unread, pictures)
+    return prior, FollowedArm(arm, prior, law).followed(history, np.arange(episodes), truth)
+
+
+def arm_estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
+    """Error of the controller, and estimates of what can be known from what it read: a row of the arms' table."""
+    watched = watch(env, controller, episodes)
+    prior, rows = follow_arm(watched)
+    usable = np.linalg.norm(rows.tip - watched.tips[:, -1], axis=1) < SAME_ARM
+    at, known = prior.layout, [prior.sds.copy() for _ in range(3)]
+    known[1][at.offsets : at.stiffnesses] = 0.0
+    known[2][at.hinges :] = 0.0
+    estimates = [[distance(each) for each in rows.tip_covariance(sds)[usable]] for sds in known]
+    return [f"{watched.errors[usable].mean():.2f}", *map(interval, estimates), f"{usable.sum()} of {episodes}"]
 
 
 def follow(config: TrackingConfig, hidden: Hidden, motors: Array) -> tuple[Array, Array, Array]:
@@ -162,8 +226,20 @@ def expected_error(config: TrackingConfig, hidden: Array, motors: Array, sds: Ar
     information = np.eye(count) + measured @ measured.T / noise**2 + begin @ begin.T / ENCODER_SD**2
     tip = tips[:, -2:]
     covariance = tip.T @ np.linalg.solve(information, tip)
-    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(2))
-    return float(np.linalg.norm(_DRAWS @ root.T, axis=1).mean())
+    return distance(covariance)
+
+
+def distance(covariance: Array) -> float:
+    """Mean distance from the mean of a normal distribution with this covariance, (d, d)."""
+    size = len(covariance)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(size))
+    draws = np.random.default_rng(0).standard_normal((4000, size))
+    return float(np.linalg.norm(draws @ root.T, axis=1).mean())
+
+
+def interval(values: Sequence[float]) -> str:
+    """The mean and its 95 % interval."""
+    return f"{np.mean(values):.3f} ± {1.96 * np.std(values) / np.sqrt(len(values)):.3f}"
 
 
 def estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
@@ -176,25 +252,36 @@ def estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str
     exact[: driven.hidden.surfaces[0].size] = 0.0
     found = []
     for known in (sds, exact):
-        errors = np.array([expected_error(config, truth[k], driven.motors[k], known) for k in usable])
-        found.append(f"{errors.mean():.3f} ± {1.96 * errors.std() / np.sqrt(len(errors)):.3f}")
+        found.append(interval([expected_error(config, truth[k], driven.motors[k], known) for k in usable]))
     return [f"{driven.errors[usable].mean():.3f}", *found, f"{len(usable)} of {episodes}"]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and controller."""
+    worlds = [*POLICIES, ARM]
     parser = argparse.ArgumentParser(description="How well the tip can be known where nobody sees it.")
     parser.add_argument("--episodes", type=int, default=300)
-    parser.add_argument("--worlds", nargs="+", choices=POLICIES, default=list(POLICIES))
+    parser.add_argument("--worlds", nargs="+", choices=worlds, default=worlds)
     arguments = parser.parse_args(argv)
     rows = []
     for world in arguments.worlds:
+        if world == ARM:
+            continue
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
         drivers = {"probing bank": tuned_controllers(env.id)["probing bank"], policy: load_policy(policy)}
         rows += [[world, name, *estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
     heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
-    print(markdown_table(heads, rows))
+    if rows:
+        print(markdown_table(heads, rows))
+    if ARM in arguments.worlds:
+        env = EnvConfig(f"rj_gym/{ARM}-v0")
+        drivers = {name: tuned_controllers(env.id)[name] for name in ARM_DRIVERS} | {
+            ARM_POLICY: load_policy(ARM_POLICY)
+        }
+        rows = [[name, *arm_estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
+        known = "can be known [mm]", "offsets known [mm]", "beads known [mm]"
+        print(markdown_table(("driven by", "its error [mm]", *known, "episodes"), rows))
 
 
 if __name__ == "__main__":

@@ -164,6 +164,15 @@ _BLIND_ARM = {
 }
 
 
+_ARM_SMOOTHER: Space = (
+    _below("smoother", {name: values for name, values in _SMOOTHER.items() if name != "start_sd_mm"})
+    | {place: values for place, values in _ARM.items() if place.startswith("feedback.")}
+    | _below("feedback", {"damping": LogUniform(0.05, 1.0), "crossing": Uniform(0.5, 1.1)})
+    | _SHORT_PROBE
+)
+_OF_ARMS = Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)
+
+
 def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]) -> Settings:
     return {"filter": {"play_mm": list(play_mm), "sheath_friction": list(sheath_friction)}}
 
@@ -196,11 +205,15 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
-    "rj_gym/ArmInstrument-v0": _BLIND_ARM,
+    "rj_gym/ArmInstrument-v0": _BLIND_ARM | {"smoother": _OF_ARMS},
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
-WORLDS = {**_FIRST, **{env_id: _FIRST[first] for env_id, first in _LATER.items()}}
+WORLDS = {
+    **_FIRST,
+    **{env_id: _FIRST[first] for env_id, first in _LATER.items()},
+    "rj_gym/ArmInstrument-v1": _BLIND_ARM,  # the smoother of arms knows no errors of load cells
+}
 """By the id of an environment: its controllers by name."""
 
 
@@ -231,7 +244,8 @@ def tunable_in(env_id: str) -> Mapping[str, Tunable]:
 @cache
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
-    return {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
+    kept = {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
+    return {env_id: {name: kept[env_id][name] for name in kept[env_id] if name in WORLDS[env_id]} for env_id in kept}
 
 
 opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0
