@@ -71,6 +71,9 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
+    if arguments.alone and arguments.beside and not arguments.everywhere:
+        hint = "Leave one of them out, or add --everywhere, which takes the settings from that file."
+        raise ConfigError("--beside", str(arguments.beside), "no results file with --alone", hint)
     name = arguments.name or arguments.controller.rpartition(":")[2]
     kind, controller = _controller(arguments.controller, env)
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
