@@ -66,7 +66,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.results.record import World
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         hint = "Ids begin with rj_gym/; others have no tip error."
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
