@@ -46,7 +46,7 @@ class FinishedRun:
         """The run in the folder at `path`; raises RollingJointError if it is broken or not finished."""
         folder = RunFolder.open(path)
         config = folder.config()
-        if not (config.env.is_tracking and config.env.is_built_in):
+        if not config.env.is_built_in_tracking:
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
         if not folder.is_finished:
             hint = f"To go on: rj train --resume {path}"
