@@ -82,4 +82,4 @@ def test_the_wheel_works_in_an_empty_folder_beside_other_packages_called_agents(
     )
     assert used.returncode == 0, used.stderr
     assert "Next: rj evaluate run" in used.stdout
-    assert (tmp_path / "empty/run/command.txt").read_text().startswith("rj train --config")
+    assert (tmp_path / "empty/run/command.txt").read_text().startswith("rj train run.yaml")
