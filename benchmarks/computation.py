@@ -66,7 +66,7 @@ def _timed(record: BenchmarkRecord) -> dict[str, tuple[str, Controller]]:
 
 def figure_with(points: Mapping[str, Mapping[str, Point]]) -> Figure:
     """A panel per world, error over time per action, both logarithmic; all with the same times."""
-    figure = figure_of(13.5, 7.0)
+    figure = figure_of(13.0, 7.5)
     names = list(dict.fromkeys(name for of_world in points.values() for name in of_world))
     handles = {}
     for place, (world, of_world) in enumerate(points.items()):
@@ -80,7 +80,7 @@ def figure_with(points: Mapping[str, Mapping[str, Point]]) -> Figure:
         tidy(axes)
         for name, point in of_world.items():
             handles[name] = _draw(axes, point, names.index(name), name == LEARNER)
-    figure.legend(handles.values(), handles, loc="lower right", bbox_to_anchor=(0.95, 0.1), frameon=False, fontsize=12)
+    figure.legend(handles.values(), handles, loc="lower right", bbox_to_anchor=(0.92, 0.02), frameon=False)
     return figure
 
 
