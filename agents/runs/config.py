@@ -376,9 +376,13 @@ def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
     if name is not None:
         if not isinstance(name, str):
             raise ConfigError("env.file", name, "the path of a YAML file")
-        path = folder / name
-        settings = _merged(_with_mechanism(_section(read_yaml(path), str(path)), path.parent), settings)
+        settings = _merged(env_settings(folder / name), settings)
     return env | {"settings": settings}
+
+
+def env_settings(path: Path) -> dict[str, Any]:
+    """The settings of an environment in a YAML file, paths of mechanism files resolved."""
+    return _with_mechanism(_section(read_yaml(path), str(path)), path.parent)
 
 
 def _section(values: object, where: str) -> dict[str, Any]:
