@@ -170,7 +170,6 @@ _BLIND_TUBE = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
     "kalman filter": Tunable(_filter, _BLIND_TUBE_SPACE, _ONE),
     "probing filter": Tunable(_filter, _BLIND_TUBE_SPACE | _SHORTER_PROBE, _ONE),
-    "bank of filters": Tunable(_filter, _BLIND_TUBE_SPACE | _FEW),
 }
 _BLIND_ARM = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
