@@ -46,9 +46,9 @@ def main(argv: list[str] | None = None) -> None:
     print(f"wrote {animate(out / 'spatial.gif')}")
 
 
-def with_half_width(half_width: float) -> rj.SpatialChain:
+def with_half_width(half_width: float, joints: int = 12) -> rj.SpatialChain:
     """The preset pitch_yaw with contact lines of that half width [mm]."""
-    chain = rj.pitch_yaw()
+    chain = rj.pitch_yaw(joints)
     return chain.replace(joints=[replace(joint, half_width=half_width) for joint in chain.joints])
 
 
@@ -96,15 +96,14 @@ def draw_chains() -> pyplot.Figure:
 
 def draw_widths() -> pyplot.Figure:
     """One equilibrium of three chains that differ in the width of their contact lines."""
-    figure = pyplot.figure(figsize=(11, 4.2), layout="constrained")
+    figure = pyplot.figure(figsize=(11, 5.0), layout="constrained")
     for place, share in enumerate((1.0, 0.5, 0.25), start=1):
-        at = rj.solve_tensions(with_half_width(share * 3.0), [6.0, 2.5, 2.0, 2.5], PULL)
+        at = rj.solve_tensions(with_half_width(share * 3.0, 5), [1.7, 2.4, 1.1, 0.7], PULL)
         ax = plot_arm(at, figure.add_subplot(1, 3, place, projection="3d"), tendons=False)
         ax.set_title(
             f"half width {share:g} × radius of the holes\nleast tilting margin {at.tilting_margins.min():.1f} N"
         )
         ax.view_init(18, -60)
-        ax.set_box_aspect(None, zoom=0.9)
     share_legend(figure)
     return figure
 
@@ -142,9 +141,10 @@ def share_legend(figure: pyplot.Figure) -> None:
     handles = {}
     for ax in figure.axes:
         lines, texts = ax.get_legend_handles_labels()
-        handles |= {text: line for line, text in zip(lines, texts, strict=True) if not text.startswith("tendon")}
+        shown = zip(lines, (text.split(":")[0] for text in texts), strict=True)
+        handles |= {text: line for line, text in shown if not text.startswith("tendon")}
         ax.get_legend().remove()
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), fontsize="small")
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, fontsize="small")
 
 
 def animate(path: Path) -> Path:
