@@ -137,7 +137,9 @@ class DifferentiableChain(ChainTensors):
             good = self.finite()
             design = self.where(good)
             tables = design.breaks, design.coefficients
-            below, above = ((tables[0][..., links, side, :], tables[1][..., links, side, :, :]) for links, side in _SIDES)
+            below, above = (
+                (tables[0][..., links, side, :], tables[1][..., links, side, :, :]) for links, side in _SIDES
+            )
             return good & rolling(below, above, lambda: design.surfaces().joints())
 
     def finite(self) -> Tensor:
@@ -204,7 +206,8 @@ def _mechanism(
         return float(x), float(y)
 
     tables = breaks, coefficients, starts, angles
-    links = [Link(*(surface_of(*(table[i, side] for table in tables)) for side in (0, 1))) for i in range(len(starts))]
+    sides = [[surface_of(*(table[i, side] for table in tables)) for side in (0, 1)] for i in range(len(starts))]
+    links = [Link(parent, child) for parent, child in sides]
     tendons = [
         Tendon([(hole(j, i, 0), hole(j, i, 1)) for i in range(end + 1)], end, stiffnesses[j], frictions[j])
         for j, end in enumerate(crossed)

@@ -129,8 +129,10 @@ class Planes:
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> Planes:
         """The same with every tensor but `hinges` changed, by a function of it and its number of trailing axes."""
-        numbers = (self.half_widths, self.middles, self.shifts, self.stiffnesses, self.rests, self.below, self.above)
-        return Planes(change(self.frames, 3), *(change(tensor, 1) for tensor in numbers), self.hinges)
+        numbers = "half_widths", "middles", "shifts", "stiffnesses", "rests", "below", "above"
+        return replace(
+            self, frames=change(self.frames, 3), **{name: change(getattr(self, name), 1) for name in numbers}
+        )
 
     def joints(self, joints: Joints) -> Joints:
         """The joints of surfaces, with the hinges in their places."""

@@ -247,16 +247,14 @@ def most_turn() -> float:
 
 
 def drawable(breaks: Tensor, coefficients: Tensor) -> Tensor:
-    """Whether tables of curvature (..., p + 1) and (..., p, k) are surfaces around s = 0 with pieces in order, (...)."""
+    """Whether tables of curvature (..., p + 1) and (..., p, k) are surfaces around s = 0, pieces in order, (...)."""
     lengths = breaks.diff(dim=-1)
     calm = (turning_bound(turning_coefficients(coefficients), lengths) <= most_turn()).all(-1)
     ordered = (lengths >= 0).all(-1) & (lengths[..., 0] > 0)
     return calm & ordered & (breaks[..., 0] <= 0) & (breaks[..., -1] >= 0)
 
 
-def rolling(
-    below: tuple[Tensor, Tensor], above: tuple[Tensor, Tensor], surfaces: Callable[[], Surfaces]
-) -> Tensor:
+def rolling(below: tuple[Tensor, Tensor], above: tuple[Tensor, Tensor], surfaces: Callable[[], Surfaces]) -> Tensor:
     """Whether the relative curvature of every joint is below 0 where it is sampled, (...).
 
     Args:
@@ -279,7 +277,7 @@ def rolling(
 
 
 def _rolling_alike(relative: Tensor, lengths: Tensor, fractions: Tensor) -> Tensor:
-    """`rolling` for relative curvatures (..., J, p, k) of surfaces with the same pieces, of these lengths (..., J, p)."""
+    """`rolling` for relative curvatures (..., J, p, k) of surfaces with the same pieces, of lengths (..., J, p)."""
     degrees = torch.arange(relative.shape[-1], device=relative.device).to(fractions)
     samples = (relative * lengths[..., None] ** degrees) @ (fractions ** degrees[:, None])
     return ((samples < 0) | (lengths[..., None] == 0)).flatten(-3).all(-1)
@@ -322,4 +320,5 @@ def largest_table(surfaces: Sequence[tuple[Surface, Surface]]) -> tuple[int, int
 def surface_of(breaks: Array, coefficients: Array, start: Array, angle: Array) -> Surface:
     """The surface with these numbers, without its padding."""
     real = np.concatenate([[True], np.diff(breaks) > 0])
-    return Surface(Profile(breaks[real], coefficients[real[1:]]), start, angle)
+    x, y = start.tolist()
+    return Surface(Profile(breaks[real], coefficients[real[1:]]), (x, y), float(angle))

@@ -17,6 +17,7 @@ from rollingjoint.chain.spatial_joints import PointHinge, RollingContact, Spatia
 from rollingjoint.chain.tendon import SpaceTendon
 from rollingjoint.differentiable.friction import DifferentiableFriction
 from rollingjoint.differentiable.geometry import Geometry, Planes, Routes
+from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.parameters import (
     Array,
     Axes,
@@ -59,8 +60,8 @@ class DifferentiableSpatialChain(ChainTensors):
     """Chains in space of one structure, as tensors of double precision.
 
     Every parameter may have leading axes; together they broadcast to `batch`. Joints count from the base, surfaces are
-    (parent, child), the ones of the links above and below. Padding (pieces of zero length at the end, numbers of a joint of
-    the other kind) has no effect. Hinges keep their limits; where a parameter moves the holes at a hinge, they are not
+    (parent, child), of the links above and below. Padding (pieces of zero length at the end, numbers of a joint of the
+    other kind) has no effect. Hinges keep their limits; where a parameter moves the holes at a hinge, they are not
     searched anew for angles at which holes meet.
 
     Args:
@@ -168,7 +169,7 @@ class DifferentiableSpatialChain(ChainTensors):
         cos, sin = self.azimuths.cos(), self.azimuths.sin()
         zero, unit = torch.zeros_like(cos), torch.ones_like(cos)
         contacts = torch.stack([cos, sin, zero, zero, zero, unit, sin, -cos, zero], -1).unflatten(-1, (3, 3))
-        if not bool(self.hinges.any()):
+        if not seen(self.hinges.any(), True):
             return contacts
         safe = torch.where(self.hinges[:, None], self.hinge_axes, unit[..., None])
         axes = safe / safe.norm(dim=-1, keepdim=True)
@@ -191,7 +192,7 @@ class DifferentiableSpatialChain(ChainTensors):
     def _tables(self) -> tuple[tuple[Tensor, int], ...]:
         """Breaks, coefficients, starts and angles of the surfaces, with their numbers of axes after (parent, child)."""
         breaks, coefficients, starts, angles = self.breaks, self.coefficients, self.starts, self.angles
-        if bool(self.hinges.any()):
+        if seen(self.hinges.any(), True):
             low, high = self.hinge_limits.unbind(-1)
             rest = torch.minimum(torch.maximum(self.rest_angles.detach(), low), high)
             ends = (rest - low)[..., None].expand(*rest.shape, breaks.shape[-1] - 1)
@@ -297,9 +298,9 @@ def _mechanism(
     for i, limits in enumerate(hinges):
         spring = float(number["joint_stiffnesses"][i]), float(number["rest_angles"][i])
         if np.isnan(limits[0]):
-            sides = (surface_of(*(table[i, side] for table in tables)) for side in (0, 1))
-            azimuth, *line = (float(number[name][i]) for name in _OF_CONTACTS)
-            joints.append(RollingContact(azimuth, *sides, *line, *spring))
+            parent, child = (surface_of(*(table[i, side] for table in tables)) for side in (0, 1))
+            azimuth, half_width, middle = (float(number[name][i]) for name in _OF_CONTACTS)
+            joints.append(RollingContact(azimuth, parent, child, half_width, middle, *spring))
         else:
             above, below = number["hinge_points"][i]
             joints.append(PointHinge(number["hinge_axes"][i], below, above, *spring, limits))

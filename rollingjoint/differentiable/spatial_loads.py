@@ -1,7 +1,7 @@
 """Loads on chains in space: the columns of their load tables, and their energy, forces and stiffness at a pose.
 
-Symbols as in docs/theory.md, section 11: a axis, c contact, x point of a load, B = a × (x - c). All tensors have leading
-axes, and all results have derivatives by all inputs.
+Symbols as in docs/theory.md, section 11: a axis, c contact, x point of a load, B = a × (x - c). All tensors have
+leading axes, and all results have derivatives by all inputs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The whole chain in space at given joint angles: poses, residual, stiffness, energy, and reactions of the contacts.
 
-A joint is a map of the plane in a plane that is fixed in its links; gaps, tendons and their law are those of the plane, with
-one number more per gap. Symbols as in docs/theory.md, section 11.
+A joint is a map of the plane in a plane that is fixed in its links; gaps, tendons and their law are as in the plane,
+with one number more per gap. Symbols as in docs/theory.md, section 11.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rollingjoint.differentiable.friction import DifferentiableFriction
 from rollingjoint.differentiable.geometry import Contact, Geometry, Planes
 from rollingjoint.differentiable.loads import AnyLoads
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
-from rollingjoint.differentiable.spatial_loads import SpatialLoadsAtPose
+from rollingjoint.differentiable.spatial_loads import SpatialLoads, SpatialLoadsAtPose
 from rollingjoint.differentiable.statics import ChainState, Law
 
 
@@ -113,8 +113,9 @@ class SpatialState(ChainState):
     @cached_property
     def acting(self) -> SpatialLoadsAtPose:  # type: ignore[override]
         """The loads at this pose."""
+        assert isinstance(self.loads, SpatialLoads)
         place = self.positions, self.rotations, self.link_angles
-        return SpatialLoadsAtPose(self.loads, *place, self.contacts, self.axes)  # type: ignore[arg-type]
+        return SpatialLoadsAtPose(self.loads, *place, self.contacts, self.axes)
 
     @cached_property
     def _sprung(self) -> Tensor:
@@ -143,7 +144,7 @@ class SpatialState(ChainState):
     @cached_property
     def reactions(self) -> Tensor:
         """Force and moment about the contact on the link above, along tangent, normal and axis, (..., J, 6)."""
-        length, direction, _, per_length = self._gaps
+        _, direction, _, per_length = self._gaps
         aside, entry = self.routes.aside, self.routes.entry
         assert aside is not None and entry is not None
         pulls, arm = self._pulls, self.routes.below - self.joints.touching[..., None, :]

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.geometry import Joints, Routes, turned
-from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
+from rollingjoint.differentiable.loads import AnyLoads, Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
 from rollingjoint.differentiable.transmission import at_limit, limited_tension
 from rollingjoint.kernels.joints import CLOSED_GAP
@@ -91,7 +91,7 @@ class ChainState:
 
     routes: Routes
     law: Law
-    loads: Loads
+    loads: AnyLoads
     phi: Tensor
     joints: Joints
 
@@ -206,6 +206,7 @@ class ChainState:
     @cached_property
     def acting(self) -> LoadsAtPose:
         """The loads at this pose."""
+        assert isinstance(self.loads, Loads)
         return LoadsAtPose(self.loads, self.positions, self.rotations, self.link_angles, self.contacts)
 
     @property
