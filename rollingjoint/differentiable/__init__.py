@@ -15,7 +15,10 @@ Modules:
     side_by_side: equilibria of many chains in a fixed number of passes, without gradients: for simulation on a device.
     slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
-    spatial_design, spatial_equilibria, spatial_loads, spatial_statics: the same for chains in space.
+    spatial_design: one chain in space or many as tensors.
+    spatial_equilibria: results of the solvers in space, with the margins of contact lines.
+    spatial_loads: loads in space, their energy, moments and stiffness.
+    spatial_statics: the whole chain in space at given angles.
     statics: the whole chain at given angles: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
     tabulated: joints as the compiled solver's tables on a device.
