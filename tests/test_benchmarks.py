@@ -257,6 +257,15 @@ def test_every_opponent_of_a_world_is_timed(capsys):
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
+def test_episodes_that_fail_are_counted_beside_those_of_privileged_feedback(capsys):
+    import opponents
+
+    opponents.main(["rj_gym/LatePose-v0", "--episodes", "20", "--controllers", "open loop"])
+    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["privileged", "open"] and [row[-2:] for row in rows[:1]] == [["0", "0"]]
+    assert float(rows[1][2]) > float(rows[0][2]) and int(rows[1][-2]) >= int(rows[1][-1]) > 0
+
+
 def test_at_the_limit_of_the_world_episodes_of_other_limits_are_those_of_the_tables():
     import tension_limit
 

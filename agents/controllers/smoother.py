@@ -45,7 +45,9 @@ class SmootherSettings(Settings):
         every: steps after which the history is followed anew. searches: how often the fit starts anew from many places:
             after the probe, and then after twice as many steps.
         starts: of the play of every tendon, such a search tries this many.
-        misfit: cost per measured tension above which the fit has failed, and the bank's estimate counts.
+        doubt: cost per measurement, over the cost that the noise of the sensors explains, above which the fit is
+            searched for anew, with play and sheath friction beyond the ranges of the task, too.
+        misfit: cost per measurement above which the fit has failed, and the bank's estimate counts.
     """
 
     _SECTION: ClassVar[str] = "smoother."
@@ -59,12 +61,13 @@ class SmootherSettings(Settings):
     every: int = 6
     searches: int = 2
     starts: int = 3
+    doubt: float = 1.6
     misfit: float = 1.5
 
     def __post_init__(self) -> None:
         self._check(as_number, "tension_sd", "robust", "start_sd_mm", "shown_sd", "picture_share", low=1e-4, high=1e4)
         self._check(as_number, "tension_share", "limit_sd", low=0.0, high=1e3)
-        self._check(as_number, "misfit", low=0.0)
+        self._check(as_number, "misfit", "doubt", low=0.0)
         self._check(as_integer, "every", "starts", low=1, high=1000)
         self._check(as_integer, "searches", low=0, high=100)
 
@@ -268,9 +271,20 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     links = range(1, mechanism.n_links) if config.load.link == "random" else [mechanism.n_links - 1]
     first = 1 + max(settings.probe.length(config.action_scale_mm), 4)
     searches = [1 + (first - 1) * 2**number for number in range(own.searches)]
-    effort = Effort(every=own.every, searches=searches, starts=own.starts)
+    doubt = own.doubt * _explained(task, own)
+    effort = Effort(every=own.every, searches=searches, starts=own.starts, doubt=doubt)
     steps, pictured = config.episode_steps + 1, sensing.pose != "none"
-    return Smoother(mechanism, HiddenPrior.of(mechanism, ranges), law, list(links), effort, steps, pictured)
+    prior, worn = (HiddenPrior.of(mechanism, each) for each in (ranges, ranges.worn()))
+    return Smoother(mechanism, prior, law, list(links), effort, steps, pictured, worn)
+
+
+def _explained(task: TrackingTask, settings: SmootherSettings) -> float:
+    """The mean cost of a measurement where all that is off is the noise of the sensors."""
+    mechanism, sensing = task.mechanism, task.config.sensing
+    tensions = 0.5 * min(sensing.tension_noise / settings.tension_sd, 1.0) ** 2
+    pictures = 0.5 * min(1.0 / settings.picture_share, 1.0) ** 2
+    shown = 0.0 if sensing.pose == "none" else 3.0 * mechanism.n_joints / sensing.period
+    return (mechanism.n_tendons * tensions + shown * pictures) / (mechanism.n_tendons + shown)
 
 
 def _high_limit(config: TaskConfig) -> float:

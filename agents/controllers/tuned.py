@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -18,7 +18,7 @@ from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettin
 from agents.controllers.steps import FeedbackSettings
 from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
-from rollingjoint.checks import as_choice
+from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import ConfigError
 
 TUNED = Path(__file__).with_name("tuned.yaml")
@@ -226,6 +226,12 @@ def tuned_settings(env_id: str, name: str) -> Settings:
 def tunable_in(env_id: str) -> Mapping[str, Tunable]:
     """The controllers that are tuned for a world; raises ConfigError where there are none."""
     return WORLDS[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+
+
+def hint(name: str, names: Iterable[str]) -> str:
+    """A hint for a name that is none of these: the worlds that a controller of this name drives, or a similar one."""
+    worlds = [env_id for env_id, controllers in WORLDS.items() if name in controllers]
+    return f"It drives {', '.join(worlds)}." if worlds else suggestion(name, list(names))
 
 
 @cache

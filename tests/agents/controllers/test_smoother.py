@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
+from agents.controllers.residual import base_controller
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.tuned import tuned_controllers, tuned_settings
 from agents.evaluation.rollout import run_episodes
@@ -128,6 +129,11 @@ def test_worlds_that_it_does_not_know_are_refused_in_one_line(env_id, settings, 
     with pytest.raises(InvalidInput, match=match) as refusal:
         run_episodes(EnvConfig(env_id, settings=settings), smoother(), SEEDS[:1])
     assert "\n" not in str(refusal.value)
+
+
+def test_where_it_does_not_drive_its_worlds_are_named():
+    with pytest.raises(ConfigError, match="It drives rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0"):
+        base_controller("smoother", "rj_gym/RollingJoint-v0")
 
 
 def test_settings_out_of_range_are_refused():
