@@ -278,6 +278,15 @@ def test_a_picture_has_a_panel_per_world_and_every_name_once_in_its_legend():
     assert [text.get_text() for text in figure.legends[0].texts] == ["open loop", "policy"]
 
 
+def test_episodes_that_fail_are_counted_beside_those_of_privileged_feedback(capsys):
+    import opponents
+
+    opponents.main(["rj_gym/LatePose-v0", "--episodes", "20", "--controllers", "open loop"])
+    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["privileged", "open"] and [row[-2:] for row in rows[:1]] == [["0", "0"]]
+    assert float(rows[1][2]) > float(rows[0][2]) and int(rows[1][-2]) >= int(rows[1][-1]) > 0
+
+
 def test_at_the_limit_of_the_world_episodes_of_other_limits_are_those_of_the_tables():
     import tension_limit
 
