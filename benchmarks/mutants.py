@@ -69,7 +69,7 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
     "profile.py": [f"{TESTS}/test_profile.py"],
     "joint_table.py": [f"{CHAIN}/test_joint_table.py"],
     "contact|spatial_lanes": CONTACTS,
-    "joints.py": [*PLANAR, *CONTACTS],
+    "kernels/joints.py": [f"{TESTS}/kernels/test_joints.py", *PLANAR, *CONTACTS],
     "torsion": [f"{CHAIN}/test_torsion_spring.py"],
     "hinge|spatial": [*SPATIAL, f"{CHAIN}/test_hinge_friction.py"],
     "rubbed|friction|turns": [*FRICTION, f"{CHAIN}/test_turns.py"],
@@ -82,6 +82,7 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
 }
 SECOND = {  # likewise: all tests of the subject that use the file
     "rj_gym|transmission": ["tests/rj_gym"],
+    "contact|spatial_lanes": [f"{TESTS}/kernels", *SPATIAL, *CONTACTS],
     "": [f"{TESTS}/{name}" for name in ("kernels", "chain", "statics", "test_theory.py")],
 }
 
