@@ -59,7 +59,10 @@ TESTS = "tests/rollingjoint"
 CHAIN = f"{TESTS}/chain"
 PLANAR = [f"{CHAIN}/test_equilibrium.py", f"{CHAIN}/test_joint_table.py"]
 SPATIAL = [f"{CHAIN}/test_hinge_equilibrium.py", f"{CHAIN}/test_spatial_lanes.py", f"{CHAIN}/test_turns.py"]
-CONTACTS = [f"{CHAIN}/test_spatial.py", f"{CHAIN}/test_spatial_lanes.py", f"{CHAIN}/test_spatial_friction.py"]
+CONTACTS = [
+    f"{TESTS}/kernels/test_contacts.py",
+    *(f"{CHAIN}/test_{name}.py" for name in ("spatial", "spatial_lanes", "spatial_friction")),
+]
 FRICTION = [f"{CHAIN}/test_friction.py", f"{CHAIN}/test_friction_jacobian.py"]
 TRACKING = "tests/rj_gym/tracking"
 EPISODES = [f"{TRACKING}/test_{name}.py" for name in ("hardware", "planar_env", "planar_task", "arm_task")]
