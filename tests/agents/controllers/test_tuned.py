@@ -8,18 +8,19 @@ import gymnasium
 import numpy as np
 import pytest
 
+from agents.controllers.controller import FunctionController
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive, ProbeSettings
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import Outlook, cross_play, damped_increments, look_ahead
 from agents.controllers.open_loop import FrictionOpenLoop, OpenLoop, true_friction
 from agents.controllers.privileged_feedback import PrivilegedFeedback
-from agents.controllers.residual import base_controller
+from agents.controllers.residual import base_controller, controller_of, output_size
 from agents.controllers.search_space import Choice, LogUniform, Uniform, drawn_settings, settings_near, value_at
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.steps import KEEP, FeedbackSettings, length_responses, tensions_within_margin
 from agents.controllers.tuned import BLIND, WORLDS, tunable_in, tuned_controllers, world_of
 from agents.evaluation.rollout import run_episodes
-from agents.runs.config import env_settings
+from agents.runs.config import env_settings, load_config
 from agents.runs.environment import EnvConfig
 from agents.tuning import controllers as tune
 from rj_gym.registry import task_of
@@ -287,6 +288,14 @@ def test_feedback_on_filters_takes_an_arm_to_its_rest_tension():
         last_error(controller, ARM, SEEDS[:3])
         estimated = controller.estimates()[:, 3:11] * controller.task.config.tension_range[1]
         assert estimated.mean() == pytest.approx(rest, abs=0.5)
+
+
+def test_a_run_on_top_of_a_filter_drives_with_that_of_its_world():
+    """Its id alone has no filter: settings hide the tip."""
+    config = load_config("configs/train/apg_pitch_yaw_blind.yaml")
+    driving = controller_of(config, FunctionController(lambda observation: np.zeros((1, 8))))
+    assert isinstance(driving.base.controller, FilterFeedback)
+    assert output_size(config.residual, config.env) == 8 + 3 + 3 * 8
 
 
 def test_a_base_controller_with_filters_outputs_its_estimates_and_goes_on_after_a_pickle():
