@@ -77,8 +77,8 @@ class SpatialChain(Chain[SpatialEquilibrium]):
             where it is given a history.
         springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
     Raises:
-        MechanismError: surfaces that cannot roll on each other, holes that cross, wrong counts, springs on links that
-            do not exist.
+        MechanismError: surfaces that cannot roll on each other, holes that cross or are swapped, wrong counts, springs
+            on links that do not exist.
     Source: docs/theory.md, section 11.
     """
 
@@ -116,7 +116,20 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         for number, joint in enumerate(self.joints):
             joint.check(number)
         object.__setattr__(self, "springs", self._checked_springs())
+        self._check_channels()
         self.joint_limits  # noqa: B018  (holes that cross are refused here)
+
+    def _check_channels(self) -> None:
+        """Raise MechanismError where a tendon runs through a link towards the base: its holes are swapped."""
+        for tendon, points in enumerate(self.hole_points):
+            for link, (parent, child) in enumerate(points):
+                if child[2] < parent[2]:
+                    raise MechanismError(
+                        f"rise of tendon {tendon} from parent to child hole in link {link}",
+                        float(child[2] - parent[2]),
+                        "0 or more [mm]: a tendon enters a link at its parent hole, on the side of the base",
+                        "Swap the holes.",
+                    )
 
     @property
     def n_links(self) -> int:
