@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput
 
 Error = type[InvalidInput]
+Triple = tuple[float, float, float]
+"""Three coordinates in space."""
 
 _LARGEST = sys.float_info.max
 _FLOATS = np.dtype(float)

@@ -22,7 +22,6 @@ from rollingjoint.kernels.joints import CLOSED_GAP, N_COEFFICIENTS
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 _ALONG_Z = 1e-9  # of an axis: its part across z, below which the lateral direction is x
 _LARGEST_CELL = 0.2  # rad; sine and cosine are polynomials of degree 9 there, to rounding
