@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.tracking.render import TrackingScene
 from rollingjoint import HingeChain, Link, RollingChain, SpatialChain
-from rollingjoint.chain.outline import spatial_outlines
 
 Array = NDArray[np.float64]
 Shape = tuple[int, Array, NDArray[np.uint32]]
@@ -132,7 +131,7 @@ def _tubes(chain: HingeChain) -> list[Shape]:
 def _plates(chain: SpatialChain) -> list[Shape]:
     """Plates from hole to hole, and rails from there to the contact surfaces."""
     shapes: list[Shape] = []
-    for link, outline in enumerate(spatial_outlines(chain, STRIP)):
+    for link, outline in enumerate(chain.outlines(STRIP)):
         plate, _ = _tube(0.97 * chain.hole_radius, outline.low, outline.high)
         rails = [face[[0, 1, 2, 0, 2, 3]] for rail in outline.rails for face in rail]
         shapes.append((link, *_separate(np.concatenate([plate, *rails]))))
@@ -142,7 +141,7 @@ def _plates(chain: SpatialChain) -> list[Shape]:
 def _rims(chain: SpatialChain) -> list[Shape]:
     """Short tubes at the holes of all links, as far as the surface of a rail above them."""
     size, shapes = HOLE * chain.hole_radius, []
-    for link, outline in enumerate(spatial_outlines(chain, STRIP)):
+    for link, outline in enumerate(chain.outlines(STRIP)):
         holes = [points[link, side] for points in chain.hole_points if link < len(points) for side in (0, 1)]
         rims = []
         for hole in holes:
