@@ -101,7 +101,7 @@ class SpatialEquilibria(Equilibria):
 
 
 def _least_friction(normal: Tensor, side: Tensor, axial: Tensor) -> Tensor:
-    """As chain.spatial_equilibrium.least_friction, where both ends press: normal, side (..., 2), axial (...) [N]."""
+    """As chain.contact_line.least_friction, where both ends press: normal, side (..., 2), axial (...) [N]."""
     alpha, beta, c = normal.square(), side.square(), axial.square()
     low = (beta / alpha).amax(-1)
     room = (low[..., None] * alpha - beta).detach().clamp(min=0.0).sqrt().sum(-1)
