@@ -35,7 +35,7 @@ class NumberGroup(NamedTuple):
         return len(self.labels) if self.range[0] < self.range[1] else 0
 
 
-class Box(ABC):
+class DesignBox(ABC):
     """Designs as vectors in the box [-1, 1]^d; each class of them is a frozen dataclass of ranges on top.
 
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
-from rollingjoint.design.box import Box
+from rollingjoint.design.box import DesignBox
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.objectives import Measured, Objective, check_fits
 from rollingjoint.design.sweeps import shared_sweeps
@@ -126,7 +126,7 @@ class Problem:
         InvalidInput: neither an objective nor a limit, an objective of other chains, a penalty that is not above 0.
     """
 
-    space: Box
+    space: DesignBox
     objectives: tuple[Term, ...]
     limits: tuple[Limit, ...] = ()
     penalty: float = 10.0

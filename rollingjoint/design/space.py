@@ -14,7 +14,7 @@ from torch import Tensor
 
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.tendon import DEFAULT_STIFFNESS
-from rollingjoint.design.box import Array, Box, NumberGroup, Range
+from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
 from rollingjoint.design.curve import Curve, curve
 from rollingjoint.design.faults import faults
 from rollingjoint.design.inverse import compare, read
@@ -29,7 +29,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class DesignSpace(Box):
+class DesignSpace(DesignBox):
     """Chains of links with two tendons, left and right from base to tip, as vectors in the box [-1, 1]^d.
 
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.

@@ -16,7 +16,7 @@ from torch import Tensor
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.chain.spatial_joints import RollingContact
 from rollingjoint.checks import as_boolean, as_integer, as_number, as_range
-from rollingjoint.design.box import Array, Box, NumberGroup, Range
+from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
 from rollingjoint.design.curve import Curve, curve
 from rollingjoint.differentiable import DifferentiableSpatialChain
 from rollingjoint.differentiable.spatial_statics import gap_heights
@@ -48,7 +48,7 @@ _ROUNDING = 1e-9  # mm
 
 
 @dataclass(frozen=True)
-class SpatialDesignSpace(Box):
+class SpatialDesignSpace(DesignBox):
     """Tubes of links that roll on each other about pitch and yaw axes in turn, as vectors in the box [-1, 1]^d.
 
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.
