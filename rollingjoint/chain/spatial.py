@@ -17,9 +17,9 @@ from rollingjoint.chain import joint_table
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
 from rollingjoint.chain.hinge import checked_load_table, with_values
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
-from rollingjoint.chain.spatial_joints import SpatialJoint, Triple
+from rollingjoint.chain.spatial_joints import SpatialJoint
 from rollingjoint.chain.tendon import SpaceTendon
-from rollingjoint.checks import as_floats, as_number
+from rollingjoint.checks import Triple, as_floats, as_number
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
 from rollingjoint.kernels.contact_lanes import memory_alone, solve_contacts_alone, solve_contacts_pinned
