@@ -20,7 +20,6 @@ from agents.runs.config import apply_overrides
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TEST, VALIDATION
-from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -93,6 +92,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
     """Kind of the controller in results, and the controller itself."""
     from agents.controllers.controller import load_controller
+    from agents.controllers.tuned import hint
     from agents.results.record import BASELINE, ENTRY
     from agents.results.roster import opponents
 
@@ -101,7 +101,7 @@ def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
     able, _ = opponents(env)
     if text not in able:
         allowed = f"FILE.py:NAME or MODULE:NAME, or an opponent in {env.id}: {', '.join(able)}"
-        raise ConfigError("controller", text, allowed, suggestion(text, list(able)))
+        raise ConfigError("controller", text, allowed, hint(text, able))
     return BASELINE, able[text]
 
 

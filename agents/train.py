@@ -26,9 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     what.add_argument("--config", metavar="CONFIG", help="the same")
     what.add_argument("--list", action="store_true", help="name the ready-made configurations (configs/train/)")
     what.add_argument("--resume", type=Path, metavar="RUN", help="continue the run in this run folder")
-    parser.add_argument(
-        "--write", type=Path, metavar="FILE", help="copy the ready-made configuration only"
-    )
+    parser.add_argument("--write", type=Path, metavar="FILE", help="copy the ready-made configuration only")
     parser.add_argument("--run-dir", type=Path, help="the run folder (default: runs/ and the name of the config)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="section.key=value, repeatable")
     parser.add_argument("--force", action="store_true", help="replace the run that is in the run folder")

@@ -50,7 +50,7 @@ def _refuse_other_fields(arrays_class: Any) -> None:
     arrays_class.__new__ = checked
 
 
-for _class in (arrays.HardwareRules, arrays.Rules, arrays.Hardware):  # of what environments hold, unpickled first
+for _class in (arrays.HardwareRules, arrays.Rules, arrays.Hardware):  # in every environment, unpickled first
     _refuse_other_fields(_class)
 _episodes: Any = ModuleType("former episodes")
 _info: Any = info

@@ -70,6 +70,11 @@ def as_positive(what: str, value: object, allowed: str, error: Error = InvalidIn
     return as_number(what, value, math.ulp(0.0), allowed=allowed, error=error)
 
 
+def as_friction(value: object) -> float:
+    """The value as a float; InvalidInput unless it is a coefficient of friction, 0 or more."""
+    return as_number("friction", value, 0.0, allowed="a coefficient, 0 or more")
+
+
 def as_integer(
     what: str,
     value: object,

@@ -257,6 +257,36 @@ def test_every_opponent_of_a_world_is_timed(capsys):
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
+@pytest.mark.slow
+def test_every_controller_with_a_time_and_an_error_is_in_the_picture(tmp_path, capsys):
+    import computation
+
+    path = tmp_path / "picture.png"
+    computation.main(["--worlds", "SlowCamera", "--lanes", "2", "--rounds", "1", "--picture", str(path)])
+    rows = capsys.readouterr().out.splitlines()[2:]
+    names = [*computation.tuned_controllers("rj_gym/SlowCamera-v0"), computation.LEARNER]
+    assert [row.split(" | ")[1] for row in rows] == names
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_has_a_panel_per_world_and_every_name_once_in_its_legend():
+    import computation
+
+    point = computation.Point(3.0, computation.Interval(0.5, 0.4, 0.7))
+    figure = computation.figure_with({"one": {"open loop": point}, "other": {"open loop": point, "policy": point}})
+    assert [axes.get_title() for axes in figure.axes] == ["one", "other"]
+    assert [text.get_text() for text in figure.legends[0].texts] == ["open loop", "policy"]
+
+
+def test_episodes_that_fail_are_counted_beside_those_of_privileged_feedback(capsys):
+    import opponents
+
+    opponents.main(["rj_gym/LatePose-v0", "--episodes", "20", "--controllers", "open loop"])
+    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["privileged", "open"] and [row[-2:] for row in rows[:1]] == [["0", "0"]]
+    assert float(rows[1][2]) > float(rows[0][2]) and int(rows[1][-2]) >= int(rows[1][-1]) > 0
+
+
 def test_at_the_limit_of_the_world_episodes_of_other_limits_are_those_of_the_tables():
     import tension_limit
 

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from agents.controllers import untuned_controllers
 from agents.controllers.controller import Array, Controller, Mask, as_controller, plain, saturated
-from agents.controllers.tuned import WORLDS, tuned_controllers, world_of
+from agents.controllers.tuned import WORLDS, hint, tuned_controllers, world_of
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError, RollingJointError
 
 
@@ -66,7 +65,7 @@ def base_controller(name: str, world: str, key: str = "residual") -> BaseControl
     """
     controllers = controllers_in(world)
     if name not in controllers:
-        raise ConfigError(key, name, f"null, or one of {', '.join(controllers)}", suggestion(name, list(controllers)))
+        raise ConfigError(key, name, f"null, or one of {', '.join(controllers)}", hint(name, controllers))
     return BaseController(controllers[name])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -19,7 +19,7 @@ from agents.controllers.steps import FeedbackSettings
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
-from rollingjoint.checks import as_choice
+from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import ConfigError
 
 TUNED = Path(__file__).with_name("tuned.yaml")
@@ -170,7 +170,6 @@ _BLIND_TUBE = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
     "kalman filter": Tunable(_filter, _BLIND_TUBE_SPACE, _ONE),
     "probing filter": Tunable(_filter, _BLIND_TUBE_SPACE | _SHORTER_PROBE, _ONE),
-    "bank of filters": Tunable(_filter, _BLIND_TUBE_SPACE | _FEW),
 }
 _BLIND_ARM = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
@@ -252,6 +251,12 @@ def tuned_settings(world: str, name: str) -> Settings:
 def tunable_in(world: str) -> Mapping[str, Tunable]:
     """The controllers that are tuned for a world; raises ConfigError where there are none."""
     return WORLDS[as_choice("world", world, list(WORLDS), error=ConfigError)]
+
+
+def hint(name: str, names: Iterable[str]) -> str:
+    """A hint for a name that is none of these: the worlds that a controller of this name drives, or a similar one."""
+    worlds = [env_id for env_id, controllers in WORLDS.items() if name in controllers]
+    return f"It drives {', '.join(worlds)}." if worlds else suggestion(name, list(names))
 
 
 @cache

@@ -188,6 +188,7 @@ def _recipe_folder(folder: Path) -> Path:
 def _title(recipes: Sequence[Recipe]) -> str:
     """The name of the first configuration without its algorithm: ppo_fixed_target -> fixed target."""
     words = recipes[0].name
+    words = words.removeprefix("plain_")
     for algorithm in sorted((*PARAMETERS, "her"), key=len, reverse=True):
         words = words.removeprefix(f"{algorithm}_")
     return words.replace("_", " ")

@@ -98,6 +98,17 @@ class SpatialJoint(ABC):
         """Contact arc lengths at joint angles, any shape [mm, rad]; NaN where no surfaces roll."""
         return np.full(np.shape(angles), np.nan)
 
+    def strips(self, count: int) -> list[Array]:
+        """Its contact surfaces over the width of the line, on the link below and on the link above; none without.
+
+        Each (count, 2, 3) in the frame of its link [mm]: places along the curve, the ends of the line there.
+        """
+        return []
+
+    def contact_frames(self, angles: Array) -> Array:
+        """Tangent and normal of the contact, and the axis, in the link below at joint angles (...,), (..., 3, 3)."""
+        return np.broadcast_to(self.frame, (*np.shape(angles), 3, 3))
+
 
 @dataclass(frozen=True)
 class RollingContact(SpatialJoint):
@@ -197,6 +208,21 @@ class RollingContact(SpatialJoint):
         u = (angles - table.cells[cell, 2]) * table.cells[cell, 3]
         powers = u[..., None] ** np.arange(N_COEFFICIENTS)
         return np.clip((table.arc_coefficients[cell] * powers).sum(axis=-1), *self.limits)
+
+    def contact_frames(self, angles: Array) -> Array:
+        """Tangent and normal of the contact, and the axis, in the link below at joint angles (...,), (..., 3, 3)."""
+        slopes = self.child.tangent_angle(self.arc_lengths(angles))[..., None]
+        lateral, axial, axis = self.frame
+        tangents = np.cos(slopes) * lateral + np.sin(slopes) * axial
+        return np.stack([tangents, np.cross(axis, tangents), np.broadcast_to(axis, tangents.shape)], axis=-2)
+
+    def strips(self, count: int) -> list[Array]:
+        """Its contact surfaces over the width of the line, on the links below and above, (count, 2, 3) [mm]."""
+        curves = (side.point(np.linspace(*side.limits, count)) for side in (self.child, self.parent))
+        ends = self.middle - self.half_width, self.middle + self.half_width
+        return [
+            np.stack([np.insert(curve, 2, along, axis=1) @ self.frame for along in ends], axis=1) for curve in curves
+        ]
 
     def _angle(self, s: float) -> float:
         return float(self.child.tangent_angle(s) - self.parent.tangent_angle(s))

@@ -11,7 +11,7 @@ import rj_gym
 from rollingjoint.errors import InvalidInput
 
 # Of revision 59c9966, before the settings of motors: gzip.compress(pickle.dumps(environments, protocol=4)), by name
-# pickle.dumps(env.unwrapped, protocol=4) after reset(seed=0), with episode_steps=2: rj_gym/Instrument-v0 with uniform(2),
+# pickle.dumps(env.unwrapped, protocol=4) after reset(seed=0), episode_steps=2: rj_gym/Instrument-v0 with uniform(2),
 # and two lanes of rj_gym/ArmInstrument-v0 with small_arm(2).
 ENVIRONMENTS = Path(__file__).parent / "former_environments.gz"
 FORMER = {

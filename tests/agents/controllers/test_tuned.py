@@ -111,6 +111,7 @@ def test_compiled_increments_are_those_of_jacobian_feedback():
     tips, tensions = map(np.ascontiguousarray, length_responses(model))
     moves = np.empty((50, 4))
     limits, some = tensions_within_margin(task.config.tension_range), feedback.settings
+    limits = [np.full((50, 4), limit) for limit in limits]
     weights = some.stiffen, some.damping, some.far, KEEP
     damped_increments(tips, tensions, np.array(model.tensions), way, wanted, *limits, 1.0, *weights, moves)
     np.testing.assert_allclose(moves, expected, atol=1e-9)

@@ -35,7 +35,7 @@ def test_what_a_learner_remembers_makes_no_other_task_but_what_is_measured_does(
 
 
 @pytest.mark.parametrize(
-    "name", ["ppo_late_pose", "her_late_pose", "recurrent_ppo_late_pose", "apg_late_pose", "late_pose"]
+    "name", ["ppo_late_pose", "her_late_pose", "recurrent_ppo_late_pose", "plain_ppo_late_pose", "apg_late_pose"]
 )
 def test_a_task_is_called_what_is_behind_its_algorithm(name):
     assert _title([Recipe(name, [])]) == "late pose"

@@ -40,7 +40,7 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
-from rollingjoint.chain.spatial_equilibrium import least_friction
+from rollingjoint.chain.contact_line import least_friction
 from rollingjoint.io import report
 from rollingjoint.plotting.spatial import plot_arm
 from tests.rollingjoint.chain.spatial_chains import (
