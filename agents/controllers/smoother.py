@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.controllers.arm_smoother import arm_smoother_of, check_arm
 from agents.controllers.controller import Array, Mask, Reading, restarted
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
 from agents.controllers.filters.bank import Bank
@@ -19,10 +20,10 @@ from agents.controllers.steps import tensions_within_margin
 from rj_gym.core.settings import Settings
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import RollingChain
+from rollingjoint import HingeChain, RollingChain
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
+from rollingjoint.estimate import ArmSmoother, Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
 from rollingjoint.transmission import pull_limit
 
 _SHARP_RAD, _SHARP_MM = 1e-3, 0.02  # standard deviations of pictures without noise
@@ -165,7 +166,7 @@ class SmootherFeedback(FilterFeedback):
     def failed(self, smoothed: Smoothed) -> Mask:
         """Where the fit has failed, (B,)."""
         finite = np.isfinite(smoothed.tip).all(axis=1) & np.isfinite(smoothed.tensions).all(axis=1)
-        searched = self.smoother.measured_steps >= min(self.smoother.effort.searches, default=0)
+        searched = self.smoother.measured_steps >= self.smoother.trusted_from
         return ~finite | (searched & ~(smoothed.misfit <= self.settings.smoother.misfit))
 
     def _ceilings(self, smoothed: Smoothed) -> Array:
@@ -222,8 +223,10 @@ def _row(observation: Any, episode: int) -> Any:
 def check_served(task: TrackingTask) -> TaskConfig:
     """The settings of a task, one that the smoother knows; raises InvalidInput for others."""
     config, mechanism, name = task.config, task.mechanism, "what the smoother knows"
+    if isinstance(mechanism, HingeChain):
+        return check_arm(task)
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain", f"That is {name}.")
+        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm", f"That is {name}.")
     if config.has_friction(mechanism) or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
     if config.load.process == "step":
@@ -235,8 +238,10 @@ def check_served(task: TrackingTask) -> TaskConfig:
     return config
 
 
-def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother:
+def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother | ArmSmoother:
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
+    if isinstance(task.mechanism, HingeChain):
+        return arm_smoother_of(task, settings)
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing
     gain_error, zero = sensing.tension_gain_error, sensing.tension_offset
