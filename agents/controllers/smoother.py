@@ -221,13 +221,16 @@ def _row(observation: Any, episode: int) -> Any:
 
 
 def check_served(task: TrackingTask) -> TaskConfig:
-    """The settings of a task, one that the smoother knows; raises InvalidInput for others."""
+    """The settings of a task, one that the smoother knows; raises InvalidInput for others.
+
+    Friction that a task draws for the holes of its chain is not in the smoother's model: sheath friction stands for it.
+    """
     config, mechanism, name = task.config, task.mechanism, "what the smoother knows"
     if isinstance(mechanism, HingeChain):
         return check_arm(task)
     if not isinstance(mechanism, RollingChain):
         raise InvalidInput("mechanism", mechanism, "a planar chain or an arm", f"That is {name}.")
-    if config.has_friction(mechanism) or mechanism.springs:
+    if mechanism.has_friction or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
     if config.load.process == "step":
         raise InvalidInput("load.process", config.load.process, "'constant' or 'ou'", f"That is {name}.")

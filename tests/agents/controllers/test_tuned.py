@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from agents.controllers import tuned
 from agents.controllers.controller import FunctionController
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive, ProbeSettings
 from agents.controllers.jacobian_feedback import JacobianFeedback
@@ -26,7 +27,7 @@ from agents.tuning import controllers as tune
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
-from rollingjoint.checked_yaml import read_yaml
+from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.errors import ConfigError, InvalidInput
 
 INSTRUMENT, CAMERA, LATE = "rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0", "rj_gym/LatePose-v0"
@@ -65,10 +66,26 @@ def test_all_opponents_have_been_tuned(world):
     found = tuned_controllers(world)
     assert list(found) and set(found) == set(tunable_in(world))
     kept = read_yaml(tune.TUNED)
-    content = kept[world if world in kept else world.replace("-v1", "-v0")]
-    for name, tuned in content.items():
-        assert tuned["tries"] >= 20 and tuned["episodes"] >= 250, name
-        assert 0.0 < tuned["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
+    content = kept[world.replace("-v1", "-v0")] | kept.get(world, {})
+    for name, record in content.items():
+        assert record["tries"] >= 20 and record["episodes"] >= 250, name
+        assert 0.0 < record["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
+
+
+def test_what_is_tuned_in_a_later_version_replaces_the_settings_of_the_first_one_by_one(tmp_path, monkeypatch):
+    later, content = INSTRUMENT.replace("-v0", "-v1"), read_yaml(tune.TUNED)
+    bank = content[INSTRUMENT]["probing bank"]
+    settings = bank["settings"] | {"filter": bank["settings"]["filter"] | {"hypotheses": 16}}
+    file = tmp_path / "tuned.yaml"
+    file.write_text(dump_yaml({**content, later: {"probing bank": bank | {"settings": settings}}}))
+    monkeypatch.setattr(tuned, "TUNED", file)
+    monkeypatch.setattr(tuned, "_tuned", tuned._tuned.__wrapped__)
+    hypotheses = [
+        [tuned_controllers(env_id)[name].settings.filter.hypotheses for name in ("probing bank", "smoother")]
+        for env_id in (INSTRUMENT, later)
+    ]
+    assert hypotheses == [[32, 32], [16, 16]]
+    assert list(tuned_controllers(later)) == list(tuned_controllers(INSTRUMENT))
 
 
 @pytest.mark.parametrize("world", WORLDS)
