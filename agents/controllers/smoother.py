@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, cast, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,7 +171,7 @@ class SmootherFeedback(FilterFeedback):
 
     def _ceilings(self, smoothed: Smoothed) -> Array:
         """The highest tensions that pulls reach behind the sheath, (B, m) [N]: where motors have stopped last."""
-        at, m = self.smoother.prior.layout, self._stops.shape[1]
+        at, m = cast(HiddenPrior, self.smoother.prior).layout, self._stops.shape[1]  # arms have no limits at motors
         frictions, gains, zeros = (smoothed.numbers[:, k : k + m] for k in (at.frictions, at.gains, at.zeros))
         ceilings = (self._stops - zeros) / gains
         if self.task.config.sensing.tension_at != "tendon":
