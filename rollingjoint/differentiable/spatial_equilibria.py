@@ -8,7 +8,10 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.spatial_statics import SpatialState
+
+_NEGLIGIBLE = 1e-12  # of the normal force: a smaller force along the line needs no friction
 
 
 class SpatialEquilibria(Equilibria):
@@ -60,6 +63,14 @@ class SpatialEquilibria(Equilibria):
         """(..., n - 1, 2) on the distal link, along tangent and normal [N]."""
         return self.reactions[..., :2]
 
+    def tip_compliance(self, more: Tensor) -> Tensor:
+        """(..., 3, 3) deflection of the tip per force on it, with a stiffness (..., n - 1, n - 1) added [mm/N]."""
+        arms = self.tip[..., None, :] - self.contact_points
+        rates = torch.linalg.cross(self._shown(self._spatial.axes), arms) * self.free_joints[..., None]
+        ok = self.ok[..., None]
+        H = freed(self.stiffness + more, ~self.free_joints | ~ok)
+        return rates.mT @ torch.linalg.solve_ex(H, rates)[0]
+
     @property
     def pressing_margins(self) -> Tensor:
         """(..., n - 1) normal force on the contact [N]; negative: the links separate. inf at hinges."""
@@ -101,7 +112,7 @@ class SpatialEquilibria(Equilibria):
 
 
 def _least_friction(normal: Tensor, side: Tensor, axial: Tensor) -> Tensor:
-    """As chain.spatial_equilibrium.least_friction, where both ends press: normal, side (..., 2), axial (...) [N]."""
+    """As chain.contact_line.least_friction, where both ends press: normal, side (..., 2), axial (...) [N]."""
     alpha, beta, c = normal.square(), side.square(), axial.square()
     low = (beta / alpha).amax(-1)
     room = (low[..., None] * alpha - beta).detach().clamp(min=0.0).sqrt().sum(-1)
@@ -110,7 +121,7 @@ def _least_friction(normal: Tensor, side: Tensor, axial: Tensor) -> Tensor:
     A = (first - second).square()
     B = 2.0 * (first + second) * sides - 4.0 * (first * d + second * b)
     C = sides.square() - 4.0 * b * d
-    inside = axial.detach().abs() <= room
+    inside = axial.detach().abs() <= room + _NEGLIGIBLE * normal.detach().sum(-1)
     squared = torch.where(inside, low, torch.maximum(_root(A, B, C, inside), low))
     positive = squared.detach() > 0.0
     return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)
