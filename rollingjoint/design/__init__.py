@@ -36,6 +36,7 @@ with naming_extras():
         TiltingMargin,
         TipReach,
         TipStiffness,
+        ToothMargin,
     )
     from rollingjoint.design.spatial_space import SPATIAL_MARGINS, SpatialDesignSpace
 
@@ -63,6 +64,7 @@ __all__ = [
     "TipRotation",
     "TipStiffness",
     "TipTravel",
+    "ToothMargin",
     "measure",
     "nondominated",
 ]

@@ -126,6 +126,23 @@ class TiltingMargin(_Poses):
 
 
 @dataclass(frozen=True)
+class ToothMargin(_Poses):
+    """Least margin of spur teeth against climbing out of mesh, over joints, poses and forces [N].
+
+    The teeth, at both ends of a contact line, have a pressure angle of 20° and carry all tangential force.
+    """
+
+    name: ClassVar[str] = "tooth_margin"
+    unit: ClassVar[str] = "N"
+    maximise: ClassVar[bool] = True
+
+    def measure(self, chain: DifferentiableSpatialChain) -> Measured:
+        """The least margin of every design, (B,) [N]."""
+        found = self._solved(chain)
+        return _least(found, found.tooth_margins())
+
+
+@dataclass(frozen=True)
 class FrictionRequired(_Poses):
     """Largest coefficient of friction that a contact line needs, over joints, poses and forces.
 

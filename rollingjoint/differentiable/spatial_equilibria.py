@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
+from rollingjoint.chain.spatial_equilibrium import PRESSURE_ANGLE
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.spatial_statics import SpatialState
@@ -96,6 +98,19 @@ class SpatialEquilibria(Equilibria):
     def slip_margins(self, friction: float = 0.3) -> Tensor:
         """(..., n - 1) (friction - friction_required) × normal force [N]; negative: the links slip."""
         return self._bounded((friction - self.friction_required) * self.reactions[..., 1].abs())
+
+    def tooth_margins(self, pressure_angle: float = PRESSURE_ANGLE) -> Tensor:
+        """(..., n - 1) normal less separating force at the worse end, spur teeth carrying all tangential force [N].
+
+        Negative means that they climb out of mesh; pressure_angle: of their flanks [rad].
+        """
+        normal, side = self._ends
+        return self._bounded((normal - side.abs() * math.tan(pressure_angle)).amin(-1))
+
+    @property
+    def strap_forces(self) -> Tensor:
+        """(..., n - 1, 2) tension across the contact that keeps each end of its line from lifting [N]."""
+        return torch.where(self._spatial.planes.hinges[..., None], 0.0, torch.relu(-self._ends[0]))
 
     @property
     def _ends(self) -> tuple[Tensor, Tensor]:

@@ -22,6 +22,7 @@ from rollingjoint.design import (  # noqa: E402 - needs torch
     TiltingMargin,
     TipReach,
     TipStiffness,
+    ToothMargin,
     measure,
 )
 
@@ -106,6 +107,7 @@ def test_objectives_are_those_of_the_compiled_solver():
     moved = [[np.sum((pose.tip - start.tip) ** 2) for pose in row] for row, start in zip(poses, free, strict=True)]
     expected = {
         TiltingMargin(TENSIONS, FORCES): min(pose.tilting_margins.min() for pose in flat),
+        ToothMargin(TENSIONS, FORCES): min(pose.tooth_margins().min() for pose in flat),
         PressingMargin(TENSIONS, FORCES): min(pose.pressing_margins.min() for pose in flat),
         FrictionRequired(TENSIONS, FORCES): max(pose.friction_required.max() for pose in flat),
         PlacementError(TENSIONS, FORCES): np.sqrt(np.mean(moved)),
