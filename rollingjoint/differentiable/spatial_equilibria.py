@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
+from rollingjoint.chain.spatial_equilibrium import PRESSURE_ANGLE
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.spatial_statics import SpatialState
+
+_NEGLIGIBLE = 1e-12  # of the normal force: a smaller force along the line needs no friction
 
 
 class SpatialEquilibria(Equilibria):
@@ -60,6 +65,14 @@ class SpatialEquilibria(Equilibria):
         """(..., n - 1, 2) on the distal link, along tangent and normal [N]."""
         return self.reactions[..., :2]
 
+    def tip_compliance(self, more: Tensor) -> Tensor:
+        """(..., 3, 3) deflection of the tip per force on it, with a stiffness (..., n - 1, n - 1) added [mm/N]."""
+        arms = self.tip[..., None, :] - self.contact_points
+        rates = torch.linalg.cross(self._shown(self._spatial.axes), arms) * self.free_joints[..., None]
+        ok = self.ok[..., None]
+        H = freed(self.stiffness + more, ~self.free_joints | ~ok)
+        return rates.mT @ torch.linalg.solve_ex(H, rates)[0]
+
     @property
     def pressing_margins(self) -> Tensor:
         """(..., n - 1) normal force on the contact [N]; negative: the links separate. inf at hinges."""
@@ -86,6 +99,19 @@ class SpatialEquilibria(Equilibria):
         """(..., n - 1) (friction - friction_required) × normal force [N]; negative: the links slip."""
         return self._bounded((friction - self.friction_required) * self.reactions[..., 1].abs())
 
+    def tooth_margins(self, pressure_angle: float = PRESSURE_ANGLE) -> Tensor:
+        """(..., n - 1) normal less separating force at the worse end, spur teeth carrying all tangential force [N].
+
+        Negative means that they climb out of mesh; pressure_angle: of their flanks [rad].
+        """
+        normal, side = self._ends
+        return self._bounded((normal - side.abs() * math.tan(pressure_angle)).amin(-1))
+
+    @property
+    def strap_forces(self) -> Tensor:
+        """(..., n - 1, 2) tension across the contact that keeps each end of its line from lifting [N]."""
+        return torch.where(self._spatial.planes.hinges[..., None], 0.0, torch.relu(-self._ends[0]))
+
     @property
     def _ends(self) -> tuple[Tensor, Tensor]:
         """Normal and tangential forces at both ends of the contact lines that carry the reactions, (..., n - 1, 2)."""
@@ -110,7 +136,7 @@ def _least_friction(normal: Tensor, side: Tensor, axial: Tensor) -> Tensor:
     A = (first - second).square()
     B = 2.0 * (first + second) * sides - 4.0 * (first * d + second * b)
     C = sides.square() - 4.0 * b * d
-    inside = axial.detach().abs() <= room
+    inside = axial.detach().abs() <= room + _NEGLIGIBLE * normal.detach().sum(-1)
     squared = torch.where(inside, low, torch.maximum(_root(A, B, C, inside), low))
     positive = squared.detach() > 0.0
     return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)

@@ -28,6 +28,16 @@ def state_at(geometry: Geometry, law: Law, loads: AnyLoads, phi: Tensor, contact
     return SpatialState(geometry.routes, law, loads, phi, geometry.planes.joints(joints), geometry.planes)
 
 
+def gap_heights(geometry: Geometry, s: Tensor) -> Tensor:
+    """Lowest height of all gaps over the tangents of the contacts at arc lengths s (..., J), (...) [mm]."""
+    contact = geometry.contact(s)
+    phi = contact.angles
+    crosses = geometry.routes.crosses
+    nothing = torch.zeros(len(crosses), dtype=phi.dtype, device=phi.device)
+    loads = SpatialLoads(phi.new_zeros(0, len(SpatialLoads.columns)), phi.shape[-1])
+    return state_at(geometry, Law.constant(nothing), loads, phi, contact).crossing
+
+
 @dataclass(frozen=True)
 class SpatialState(ChainState):
     """The chain in space at joint angles phi; vectors in the base frame have a last axis of 3.

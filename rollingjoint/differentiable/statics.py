@@ -147,7 +147,7 @@ class ChainState:
     @cached_property
     def crossing(self) -> Tensor:
         """Lowest height of a gap over the contact's tangent, (...) [mm]: negative where holes have changed places."""
-        return torch.where(self.routes.crosses > 0, self._heights, 0.0).flatten(-2).amin(-1)
+        return torch.where(self.routes.crosses > 0, self._heights, torch.inf).flatten(-2).amin(-1)
 
     @property
     def _heights(self) -> Tensor:

@@ -126,6 +126,8 @@ def test_equilibria_are_those_of_the_compiled_solver(name, solve, potential):
                 assert getattr(found, field).numpy() == pytest.approx(expected, rel=1e-10, abs=2e-9, nan_ok=True), field
         assert found.tilting_margins.numpy() == pytest.approx(reference.tilting_margins, rel=1e-9)
         assert found.friction_required.numpy() == pytest.approx(reference.friction_required, rel=1e-9, abs=1e-12)
+        assert found.tooth_margins().numpy() == pytest.approx(reference.tooth_margins(), rel=1e-9)
+        assert found.strap_forces.numpy() == pytest.approx(reference.strap_forces, abs=1e-8)
         assert found.slip_margins(0.2).numpy() == pytest.approx(reference.slip_margins(0.2), rel=1e-9)
 
 
