@@ -277,7 +277,8 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     doubt = own.doubt * _explained(task, own)
     effort = Effort(every=own.every, searches=searches, starts=own.starts, doubt=doubt)
     steps, pictured = config.episode_steps + 1, sensing.pose != "none"
-    prior, worn = (HiddenPrior.of(mechanism, each) for each in (ranges, ranges.worn()))
+    prior, wears = HiddenPrior.of(mechanism, ranges), ranges.worn() != ranges
+    worn = HiddenPrior.of(mechanism, ranges.worn()) if wears else None
     return Smoother(mechanism, prior, law, list(links), effort, steps, pictured, worn)
 
 
