@@ -85,7 +85,7 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
     from agents.controllers.controller import load_controller
     from agents.controllers.residual import controllers_in
-    from agents.controllers.tuned import hint
+    from agents.controllers.tuned import hint, world_of
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
@@ -99,7 +99,7 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))
         return load_driving(run), env if env_id else run.config().env
-    controllers = controllers_in(env.id)
+    controllers = controllers_in(world_of(env))
     if text in controllers:
         return controllers[text], env
     if ":" in text:

@@ -65,11 +65,14 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.results.record import World
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         hint = "Ids begin with rj_gym/; others have no tip error."
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
+    if arguments.alone and arguments.beside and not arguments.everywhere:
+        hint = "Leave one of them out, or add --everywhere, which takes the settings from that file."
+        raise ConfigError("--beside", str(arguments.beside), "no results file with --alone", hint)
     name = arguments.name or arguments.controller.rpartition(":")[2]
     kind, controller = _controller(arguments.controller, env)
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]

@@ -58,7 +58,7 @@ def as_joints(arm: rj.HingeChain) -> rj.SpatialChain:
         for bead in arm.beads
     ]
     gaps = [arm.beads[0].gap, *(bead.gap for bead in arm.beads)]
-    spacings = [0.0, *(bead.spacing for bead in arm.beads)]
+    spacings = [gaps[0], *(bead.spacing for bead in arm.beads)]  # the channel of the base is a point
     tendons = []
     for tendon in arm.tendons:
         holes = [

@@ -257,6 +257,27 @@ def test_every_opponent_of_a_world_is_timed(capsys):
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
+@pytest.mark.slow
+def test_every_controller_with_a_time_and_an_error_is_in_the_picture(tmp_path, capsys):
+    import computation
+
+    path = tmp_path / "picture.png"
+    computation.main(["--worlds", "SlowCamera", "--lanes", "2", "--rounds", "1", "--picture", str(path)])
+    rows = capsys.readouterr().out.splitlines()[2:]
+    names = [*computation.tuned_controllers("rj_gym/SlowCamera-v0"), computation.LEARNER]
+    assert [row.split(" | ")[1] for row in rows] == names
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_has_a_panel_per_world_and_every_name_once_in_its_legend():
+    import computation
+
+    point = computation.Point(3.0, computation.Interval(0.5, 0.4, 0.7))
+    figure = computation.figure_with({"one": {"open loop": point}, "other": {"open loop": point, "policy": point}})
+    assert [axes.get_title() for axes in figure.axes] == ["one", "other"]
+    assert [text.get_text() for text in figure.legends[0].texts] == ["open loop", "policy"]
+
+
 def test_episodes_that_fail_are_counted_beside_those_of_privileged_feedback(capsys):
     import opponents
 
@@ -380,3 +401,11 @@ def test_gaps_through_vectors_are_those_that_are_written_out(monkeypatch, capsys
     monkeypatch.setattr(vectors, "ROUNDS", 100)
     vectors.main()
     assert capsys.readouterr().out.endswith("equal to the last bit: yes\n")
+
+
+def test_kernels_own_source_gives_what_is_written_for_tensors():
+    import one_source
+
+    case = one_source.Case(7)
+    for one, other in zip(case.shared_by(one_source.SharedSource()), case.written_for_tensors(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)

@@ -16,12 +16,14 @@ from agents.controllers.search_space import Choice, LogUniform, Settings, Space,
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import FeedbackSettings
+from agents.runs.environment import EnvConfig
 from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import ConfigError
 
 TUNED = Path(__file__).with_name("tuned.yaml")
+BLIND = " blind"  # behind an id: its world where settings hide the tip, which its defaults show
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,20 @@ _ARM: Space = _of_filters(many=False) | {
 }
 _FEW: Space = {"filter.hypotheses": Choice([4, 8])}  # a filter of an arm takes 0.14 ms per step
 _SHORT_PROBE: Space = {"probe.sweep_mm": Choice([1.0, 2.0, 3.0]), "probe.pattern": Choice(["apart", "together"])}
+_BLIND_TUBE_SPACE: Space = _of_filters(many=False) | {
+    "filter.force_walk": LogUniform(0.0003, 0.1),
+    "filter.start_sd_mm": LogUniform(0.01, 1.0),
+    "filter.offset_walk_mm": LogUniform(0.001, 0.1),
+    "feedback.damping": LogUniform(0.1, 5.0),
+    "feedback.far": LogUniform(0.001, 0.1),
+    "feedback.dead_band_mm": LogUniform(0.005, 0.2),
+}
+_SHORTER_PROBE: Space = {"probe.sweep_mm": Choice([0.5, 1.0, 1.5]), "probe.pattern": Choice(["apart", "together"])}
+_BLIND_TUBE = {
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
+    "kalman filter": Tunable(_filter, _BLIND_TUBE_SPACE, _ONE),
+    "probing filter": Tunable(_filter, _BLIND_TUBE_SPACE | _SHORTER_PROBE, _ONE),
+}
 _BLIND_ARM = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
     "kalman filter": Tunable(_filter, _ARM, _ONE),
@@ -205,6 +221,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
+    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
@@ -218,10 +235,18 @@ def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
 
 
 WORLDS = {**_FIRST, **{env_id: _later(env_id, first) for env_id, first in _LATER.items()}}
-"""By the id of an environment: its controllers by name."""
+"""By the name of a world, as of world_of: its controllers by name."""
 
 
-def tuned_controllers(env_id: str) -> dict[str, Controller]:
+def world_of(env: EnvConfig) -> str:
+    """The name of an environment's world: its id, with BLIND behind it where only its settings hide pose and tip."""
+    if not env.is_tracking:
+        return env.id
+    hidden, hidden_by_default = (each.arguments()["config"].sensing.pose == "none" for each in (env, EnvConfig(env.id)))
+    return f"{env.id}{BLIND}" if hidden and not hidden_by_default else env.id
+
+
+def tuned_controllers(world: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name, as in tuned.yaml.
 
     A controller has in a later version of a world the settings that were tuned in its first until it has its own there.
@@ -229,20 +254,20 @@ def tuned_controllers(env_id: str) -> dict[str, Controller]:
     Raises:
         ConfigError: a world without any.
     """
-    world = tunable_in(env_id)
-    return {name: world[name].make(record["settings"]) for name, record in _tuned()[env_id].items()}
+    tunable = tunable_in(world)
+    return {name: tunable[name].make(record["settings"]) for name, record in _tuned()[world].items()}
 
 
-def tuned_settings(env_id: str, name: str) -> Settings:
+def tuned_settings(world: str, name: str) -> Settings:
     """The tuned settings of a controller; raises ConfigError where there is none of this name."""
-    controllers = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    controllers = _tuned()[as_choice("world", world, list(WORLDS), error=ConfigError)]
     settings: Settings = controllers[as_choice("controller", name, list(controllers), error=ConfigError)]["settings"]
     return settings
 
 
-def tunable_in(env_id: str) -> Mapping[str, Tunable]:
+def tunable_in(world: str) -> Mapping[str, Tunable]:
     """The controllers that are tuned for a world; raises ConfigError where there are none."""
-    return WORLDS[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    return WORLDS[as_choice("world", world, list(WORLDS), error=ConfigError)]
 
 
 def hint(name: str, names: Iterable[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from rj_gym.tracking.config import FrictionConfig, TrackingConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training
-POINTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)  # of curves, times the largest value of training
+POINTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)  # of most curves, times the largest value of training
 
 RUBBING = FrictionConfig()
 WITH_FRICTION = {
@@ -23,15 +23,24 @@ WITH_FRICTION = {
     }
 }
 
+WORN: Mapping[str, Mapping[str, Any]] = {
+    "More play than in training, 2 to 3 mm": {"actuation": {"play_mm": [2.0, 3.0]}},
+    "More sheath friction than in training, 0 to 0.6": {"actuation": {"sheath_friction": [0.0, 0.6]}},
+}
+STRONGER: Mapping[str, Mapping[str, Any]] = {
+    "Stronger motors than in training, 30 to 45 N": {"actuation": {"tension_limit": [30.0, 45.0]}}
+}
+
 SHIFTS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "rj_gym/Instrument-v0": WITH_FRICTION,
-    "rj_gym/InstrumentShift-v0": {
-        "More play than in training, 2 to 3 mm": {"actuation": {"play_mm": [2.0, 3.0]}},
-        "More sheath friction than in training, 0 to 0.6": {"actuation": {"sheath_friction": [0.0, 0.6]}},
-        **WITH_FRICTION,
-    },
+    "rj_gym/InstrumentShift-v0": {**WORN, **WITH_FRICTION},
     "rj_gym/SlowCamera-v0": WITH_FRICTION,
     "rj_gym/LatePose-v0": WITH_FRICTION,
+    "rj_gym/Instrument-v1": {**STRONGER, **WITH_FRICTION},
+    "rj_gym/InstrumentShift-v1": {**WORN, **STRONGER, **WITH_FRICTION},
+    "rj_gym/SlowCamera-v1": {**STRONGER, **WITH_FRICTION},
+    "rj_gym/LatePose-v1": {**STRONGER, **WITH_FRICTION},
+    "rj_gym/ArmInstrument-v1": STRONGER,
 }
 """What a task is about beyond its own episodes: changes of its settings by their heading, by id."""
 
@@ -70,12 +79,14 @@ class SweepAxis:
 
     Args:
         largest: for tasks that lack the setting, but are shifted to it: where the curve ends.
+        points: of the curve, times the largest value of training.
     """
 
     name: str
     label: str
     keys: tuple[str, str]
     largest: float = 0.0
+    points: Sequence[float] = POINTS
 
     def trained(self, env: EnvConfig) -> tuple[float, float]:
         """The range of the setting in a task."""
@@ -93,6 +104,9 @@ AXES = (
     SweepAxis("sheath friction", "sheath friction of every tendon", ("actuation", "sheath_friction")),
     SweepAxis("friction", "coefficient of friction in the holes", ("friction", "mu"), RUBBING.mu[1]),
     SweepAxis("load", "load [N]", ("load", "magnitude")),
+    SweepAxis(
+        "limit", "limit of tension [N]", ("actuation", "tension_limit"), points=(1 / 3, 0.5, 2 / 3, 1.0, 1.5, 2.0)
+    ),
 )
 
 
@@ -142,7 +156,7 @@ def _points(env: EnvConfig, plan: ScoringPlan) -> Iterator[World]:
         if end <= 0 or (axis.name == "load" and not _load_varies(env)):
             continue
         section, key = axis.keys
-        for share in POINTS:
+        for share in axis.points:
             value = round(share * end, 6)
             changes = {section: {key: [value, value]}}
             try:

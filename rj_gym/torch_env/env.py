@@ -29,9 +29,10 @@ from rj_gym.torch_env.lanes import Lanes
 from rj_gym.torch_env.observing import Observer, goal_reward, goals, reached
 from rj_gym.torch_env.refusals import check_mechanism, check_task, checked_device, checked_id
 from rj_gym.torch_env.sensing import Sensors
-from rj_gym.torch_env.stepping import Prepared, Solved, finished, prepare
+from rj_gym.torch_env.stepping import Prepared, Solved, finished, prepare, revised
+from rj_gym.tracking.kernels import REVISIONS
 from rj_gym.tracking.planar import PlanarTask
-from rollingjoint.differentiable import SideBySide
+from rollingjoint.differentiable import Settled, SideBySide
 from rollingjoint.errors import InvalidInput
 
 Mask = NDArray[np.bool_]
@@ -48,8 +49,9 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     The host draws and begins episodes, with all noise that they will meet, and then copies them to the device. A step
     waits for the device once: to hear whether all actions are finite, and whether lanes are left to the compiled solver
-    on the host (`host_solves` counts them). Friction in the chain and mechanisms with springs are refused, and so are
-    settings and weights of the reward that are not known here. There are no pictures.
+    on the host (`host_solves` counts them); with limits at motors also after every round in which pulls are revised.
+    Friction in the chain and mechanisms with springs are refused, and so are settings and weights of the reward that
+    are not known here. There are no pictures.
 
     Args:
         env_id: id of a planar tracking task.
@@ -191,29 +193,52 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         """
         lanes = self._running()
         prepared = prepare(self._rules, lanes, actions)
-        settled = self._solver.solve(
-            prepared.commands, lanes.stiffnesses, self._limits, prepared.loads, prepared.starts
-        )
+        settled = self._settled(lanes, prepared)
         refused = ~torch.isfinite(actions).all()
         refused, some_left = torch.stack([refused, ~settled.arrived.all()]).cpu().numpy().tolist()  # the wait of a step
         if refused:
             raise InvalidInput("actions", actions, self._allowed)
         solved, failed = Solved.of(settled), np.zeros(self.num_envs, bool)
         if some_left:
-            rows = np.flatnonzero(~settled.arrived.cpu().numpy() & ~self._over)
-            solved = self._solved_by_host(rows, prepared, solved)
-            failed[rows] = solved.status.cpu().numpy()[rows] > self.task.last_status
+            solved = self._solved_by_host(~settled.arrived, prepared, solved, failed)
+        if self._rules.hardware.limits_pulls:
+            prepared, solved = self._pulls_revised(lanes, prepared, solved, failed)
         self._lanes = self._sensors.measured(finished(self._rules, lanes, prepared, solved))
         self._steps += 1
         return failed
 
-    def _solved_by_host(self, rows: Rows, prepared: Prepared, solved: Solved) -> Solved:
-        """The solve, in which these lanes are left to the compiled solver; ended lanes, which begin anew, are not."""
+    def _settled(self, lanes: Lanes, prepared: Prepared, rows: Tensor | None = None) -> Settled:
+        """The device's solve; of some lanes, (B,), alone."""
+        low, high = self._limits
+        limits = low, prepared.highest(high)
+        return self._solver.solve(prepared.commands, lanes.stiffnesses, limits, prepared.loads, prepared.starts, rows)
+
+    def _pulls_revised(self, lanes: Lanes, prepared: Prepared, solved: Solved, failed: Mask) -> tuple[Prepared, Solved]:
+        """Inputs and solve in which pulls end as was solved for. The device is waited for in every round."""
+        for _ in range(REVISIONS):
+            prepared, wrong = revised(lanes, prepared, solved)
+            if not wrong.any():
+                break
+            settled = self._settled(lanes, prepared, wrong)
+            solved = solved.with_lanes(wrong, Solved.of(settled))
+            solved = self._solved_by_host(wrong & ~settled.arrived, prepared, solved, failed)
+        return prepared, solved
+
+    def _solved_by_host(self, where: Tensor, prepared: Prepared, solved: Solved, failed: Mask) -> Solved:
+        """The solve, in which these lanes, (B,), are left to the compiled solver; those that fail are noted.
+
+        Ended lanes, which begin anew, are not solved.
+        """
+        rows = np.flatnonzero(where.cpu().numpy() & ~self._over)
+        if not len(rows):
+            return solved
         self.host_solves += len(rows)
         at = self._tensor(rows)
-        inputs = prepared.commands, prepared.readings[:, FORCE : FORCE + 2], prepared.starts
+        highest = prepared.highest(self._limits[1]).expand_as(prepared.commands)
+        inputs = prepared.commands, highest, prepared.readings[:, FORCE : FORCE + 2], prepared.starts
         solutions = self._host.solve_lanes(rows, *(values.index_select(0, at).cpu().numpy() for values in inputs))
         parts = {name: getattr(solved, name).index_copy(0, at, self._tensor(part)) for name, part in solutions.items()}
+        failed[rows] = solutions["status"] > self.task.last_status
         return replace(solved, **parts)
 
     def _begin(self, rows: Rows, fixed: Any = None) -> dict[str, Any]:

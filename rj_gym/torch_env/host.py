@@ -35,7 +35,9 @@ class HostEpisodes(TrackingEpisodeBuffer):
         """The tables of the mechanisms as a stack of designs, and which of these each lane has, (B,)."""
         return stack(self.solver.mechanisms), self.solver.rows
 
-    def solve_lanes(self, rows: Rows, commands: Array, forces: Array, starts: Array) -> dict[str, NDArray[Any]]:
+    def solve_lanes(
+        self, rows: Rows, commands: Array, highest: Array, forces: Array, starts: Array
+    ) -> dict[str, NDArray[Any]]:
         """Equilibria of some lanes as the native environment finds them, SOLVED by name, (len(rows), ...).
 
         There are contacts only where the privileged state is to be read.
@@ -43,11 +45,12 @@ class HostEpisodes(TrackingEpisodeBuffer):
         Args:
             rows: the lanes, (R,).
             commands: of the tendons, (R, m) [mm].
+            highest: tensions that they can have, (R, m) [N].
             forces: (R, 2) [N].
             starts: joint angles to start from, (R, J) [rad].
         """
         laws, results = self.solver.laws, self.solver.results
-        laws.low[rows], laws.high[rows] = self.task.config.tension_range
+        laws.low[rows], laws.high[rows] = self.task.config.tension_range[0], highest
         self.solver.solve_lanes(rows, commands, forces, starts)
         parts = {name: getattr(results, name)[rows] for name in SOLVED if len(getattr(results, name))}
         if "contacts" in parts:

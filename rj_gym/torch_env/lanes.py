@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rj_gym.core.columns import TENSIONS
 from rj_gym.torch_env.host import HostEpisodes
 
 
@@ -38,6 +39,8 @@ class Lanes:
     encoder_noise: Tensor
     tension_noise: Tensor
     phase: Tensor
+    cells: Tensor
+    limits: Tensor
     motors: Tensor
     measured: Tensor
     pictures: Tensor
@@ -56,6 +59,12 @@ class Lanes:
             return Lanes.of(host, device)
         at = torch.as_tensor(rows, device=device)
         return Lanes(*(_with_rows(getattr(self, name), at, rows, array) for name, array in _arrays(host).items()))
+
+
+def tendons(lanes: Lanes) -> tuple[Tensor, Tensor]:
+    """True tensions [N] and commands [mm], (B, m) each."""
+    m = lanes.actions.shape[-1]
+    return lanes.readings[:, TENSIONS : TENSIONS + m], lanes.readings[:, TENSIONS + m : TENSIONS + 2 * m]
 
 
 def at_step(series: Tensor, steps: Tensor) -> Tensor:

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from rj_gym.core.columns import ERROR, STEP, TARGET, TIP
 from rj_gym.core.task import POSITION_BOUND
-from rj_gym.torch_env.lanes import Lanes
-from rj_gym.torch_env.sensing import link_entries, load_entries, seen_poses, tendons
+from rj_gym.torch_env.lanes import Lanes, tendons
+from rj_gym.torch_env.sensing import link_entries, load_entries, seen_poses
 from rj_gym.tracking.arrays import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION, Rules
 from rj_gym.tracking.planar import PlanarTask
 

@@ -26,8 +26,9 @@ TAKEN: Mapping[str, frozenset[str]] = {
         "randomization": "position_noise_mm angle_noise_rad stiffness_spread link_tolerance_mm link_tolerance_rad "
         "actuator_offset_mm",
         "sensing": "pose period delay position_bias_mm angle_bias_rad encoder_noise_mm encoder_resolution_mm "
-        "tension_noise tension_resolution",
-        "actuation": "play_mm sheath_friction rate_limit_mm delay",
+        "tension_noise tension_resolution tension_at tension_gain_error tension_offset",
+        "actuation": "play_mm sheath_friction rate_limit_mm delay dead_band_mm tension_limit limit_at "
+        "current_resolution",
     }.items()
 }
 """Names of the settings with which lanes on a device do what those of the native environment do, by section.

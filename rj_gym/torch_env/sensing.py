@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TENSIONS, TIP
-from rj_gym.torch_env.lanes import Lanes, at_step
-from rj_gym.tracking.arrays import MOTOR, TAKEN, Rules
+from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TIP
+from rj_gym.torch_env.lanes import Lanes, at_step, tendons
+from rj_gym.tracking.arrays import GAIN, LIMIT, MOTOR, OFFSET, TAKEN, Rules
 from rollingjoint.differentiable.transmission import sheath_direction, sheath_ratio
 
 
@@ -49,7 +49,10 @@ class Sensors:
         hardware, steps = self.rules.hardware, lanes.readings[:, STEP]
         tensions, commands = tendons(lanes)
         positions = lanes.motors[:, MOTOR]
-        tensions = tensions * sheath_ratio(lanes.sheath, sheath_direction(commands, positions, lanes.half_play))
+        if not hardware.cells_at_tendons:
+            tensions = tensions * sheath_ratio(lanes.sheath, sheath_direction(commands, positions, lanes.half_play))
+        if len(lanes.cells):
+            tensions = (lanes.cells[:, GAIN] * tensions + lanes.cells[:, OFFSET]).clamp(min=0.0)
         if lanes.encoder_noise.shape[1]:
             positions = positions + at_step(lanes.encoder_noise, steps)
         if lanes.tension_noise.shape[1]:
@@ -86,14 +89,9 @@ class Sensors:
         parts += load_entries(rules, readings, moving)
         parts += [commands - lanes.motors[:, MOTOR], lanes.half_play, lanes.sheath, tensions / rules.highest_tension]
         parts += [lanes.actuator_offsets, lanes.stiffnesses / self.stiffnesses]
+        parts += [lanes.limits[:, LIMIT]] if len(lanes.limits) else []
         parts += [readings[:, STEP, None] / rules.hardware.steps, lanes.tip_rates.flatten(1)]
         return torch.cat(parts, -1)
-
-
-def tendons(lanes: Lanes) -> tuple[Tensor, Tensor]:
-    """True tensions [N] and commands [mm], (B, m) each."""
-    m = lanes.actions.shape[-1]
-    return lanes.readings[:, TENSIONS : TENSIONS + m], lanes.readings[:, TENSIONS + m : TENSIONS + 2 * m]
 
 
 def seen_poses(rules: Rules, lanes: Lanes) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import torch
@@ -22,10 +22,9 @@ from rj_gym.core.columns import (
     TIP,
     TRACKING,
 )
-from rj_gym.torch_env.actuation import moved_motors, settled_motors
-from rj_gym.torch_env.lanes import Lanes, at_step
-from rj_gym.torch_env.sensing import tendons
-from rj_gym.tracking.arrays import ASKED, Rules
+from rj_gym.torch_env.actuation import bounded_pulls, moved_motors, revised_pulls, settled_motors, stopped_motors
+from rj_gym.torch_env.lanes import Lanes, at_step, tendons
+from rj_gym.tracking.arrays import ASKED, BOUND, Rules
 from rj_gym.tracking.kernels import PREDICTABLE
 from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
@@ -37,10 +36,15 @@ class Prepared(NamedTuple):
 
     actions: Tensor  # the last ones, within [-1, 1], and those before, (B, 2, m)
     motors: Tensor  # see moved_motors; where they are not active, (0, 5, m)
+    limits: Tensor  # see bounded_pulls; where every motor has the same, (0, 3, m)
     commands: Tensor  # (B, m) mm
     starts: Tensor  # (B, J) rad
     loads: Tensor  # (B, 1, columns)
     readings: Tensor  # with steps and forces of this step
+
+    def highest(self, limit: Tensor) -> Tensor:
+        """The highest tensions that tendons can have; `limit`, (), where every motor has the same [N]."""
+        return self.limits[:, BOUND] if len(self.limits) else limit
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,10 @@ class Solved:
         parts = settled.joint_angles, settled.responses, settled.poses, settled.tensions, settled.lengths
         return cls(*parts, status, settled.contacts)
 
+    def with_lanes(self, where: Tensor, other: Solved) -> Solved:
+        """These results, and others in some lanes, (B,)."""
+        return Solved(*(_taken(where, getattr(other, part.name), getattr(self, part.name)) for part in fields(self)))
+
 
 def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     """Begin a step with actions (B, m): tendons are pulled, the load moves on, starts lie on the last tangent."""
@@ -69,7 +77,9 @@ def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     readings[:, STEP] += 1.0
     taken = actions.clamp(-1.0, 1.0)
     _, held = tendons(lanes)
-    motors = moved_motors(rules, lanes, taken, held) if rules.hardware.active else lanes.motors
+    motors, limits = moved_motors(rules, lanes, taken, held) if rules.hardware.active else lanes.motors, lanes.limits
+    if rules.hardware.limits_pulls:
+        motors, limits = bounded_pulls(lanes, motors)
     demands = motors[:, ASKED] if rules.hardware.active else held - rules.action_scale * taken
     commands = demands + lanes.actuator_offsets
     turns = (lanes.responses * (commands - (held + lanes.actuator_offsets))[:, None]).sum(-1)
@@ -78,14 +88,23 @@ def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     loads = lanes.loads.clone()
     loads[:, 0, rules.force_column : rules.force_column + 2] = readings[:, FORCE : FORCE + 2] = forces
     starts = torch.where(near, lanes.angles + turns, lanes.angles)
-    return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), motors, commands, starts, loads, readings)
+    return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), motors, limits, commands, starts, loads, readings)
+
+
+def revised(lanes: Lanes, prepared: Prepared, solved: Solved) -> tuple[Prepared, Tensor]:
+    """The inputs of the solve where pulls end in another way than was solved for, and in which lanes, (B,)."""
+    valid = _usable(solved)
+    parts = revised_pulls(lanes, prepared.motors, prepared.limits, valid, solved.tensions, solved.lengths)
+    motors, limits, wrong = parts
+    commands = torch.where(wrong[:, None], motors[:, ASKED] + lanes.actuator_offsets, prepared.commands)
+    return prepared._replace(motors=motors, limits=limits, commands=commands), wrong
 
 
 def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> Lanes:
     """The lanes after the solve. A lane without a usable equilibrium keeps its pose, tensions and commands."""
     readings, m = prepared.readings, solved.tensions.shape[-1]
     readings[:, STATUS] = solved.status.to(readings.dtype)
-    valid = solved.status <= int(Status.AT_LIMIT)
+    valid = _usable(solved)
     unstretched = unstretched_length(solved.lengths, solved.tensions, lanes.stiffnesses) - lanes.actuator_offsets
     pulled = torch.cat([solved.tensions, unstretched], -1)
     readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(valid, pulled, readings[:, TENSIONS : TENSIONS + 2 * m])
@@ -98,12 +117,20 @@ def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> 
         readings=readings,
     )
     if rules.hardware.active:
-        after = replace(after, motors=_taken(valid, settled_motors(prepared.motors, unstretched), lanes.motors))
+        motors, limits = prepared.motors, prepared.limits
+        if rules.hardware.limits_pulls:
+            motors, limits = stopped_motors(lanes, motors, limits, solved.tensions)
+        motors = _taken(valid, settled_motors(motors, unstretched), lanes.motors)
+        after = replace(after, motors=motors, limits=_taken(valid, limits, prepared.limits) if len(limits) else limits)
     if len(lanes.tip_rates):
         after = replace(after, tip_rates=_taken(valid, _tip_rates(solved), lanes.tip_rates))
     _measure_error(after)
     _fill_rewards(rules, after, valid)
     return after
+
+
+def _usable(solved: Solved) -> Tensor:
+    return solved.status <= int(Status.AT_LIMIT)
 
 
 def _tip_rates(solved: Solved) -> Tensor:

@@ -80,6 +80,7 @@ class SideBySide:
         tension_limits: tuple[Tensor, Tensor],
         loads: Tensor,
         starts: Tensor,
+        rows: Tensor | None = None,
     ) -> Settled:
         """Equilibria under commanded lengths.
 
@@ -89,13 +90,13 @@ class SideBySide:
             tension_limits: minimum and maximum tendon tension, (m,) or (B, m) each [N].
             loads: load tables, (B, rows, columns), columns load.LOAD_COLUMNS.
             starts: joint angles to start from, (B, J) [rad].
+            rows: whether to solve a row, (B,) bool; None: all. Others have not arrived.
         """
         law = Law(commands, stiffnesses, *tension_limits)
         dead_loads, problem = Loads(loads, starts.shape[-1], only_dead=True), _TabulatedProblem(self.tables)
         angles = within(starts.nan_to_num(), *problem.limits)
-        search = LineSearches.begun(
-            angles, (angles,), dead_loads.dead_alone() & _resolvable(commands) & _resolvable(starts)
-        )
+        solvable = dead_loads.dead_alone() & _resolvable(commands) & _resolvable(starts)
+        search = LineSearches.begun(angles, (angles,), solvable if rows is None else solvable & rows)
         for _ in range(self.passes):
             state = self.tables.at(search.x, law, dead_loads)
             search = search.advanced(problem, state, (search.x,))

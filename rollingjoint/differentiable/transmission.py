@@ -38,6 +38,28 @@ def unstretched_length(length: Tensor, tension: Tensor, stiffness: Tensor) -> Te
     return length - tension / stiffness
 
 
+def pull_limit(limit: Tensor, friction: Tensor, half_width: Tensor) -> Tensor:
+    """T behind the sheath at which a motor that pulls its tendon in stops [N]."""
+    return torch.where(half_width > 0.0, limit / sheath_ratio(friction, torch.ones_like(friction)), limit)
+
+
+def pull_end(
+    tendon: Tensor, motor: Tensor, goal: Tensor, tension: Tensor, limit: Tensor, friction: Tensor, half_width: Tensor
+) -> Tensor:
+    """q where a pull from q to a goal ends while the tendon stays at p [mm]."""
+    at_goal, at_start = (
+        tension * sheath_ratio(friction, sheath_direction(tendon, q, half_width)) for q in (goal, motor)
+    )
+    stops = torch.minimum(torch.maximum(tendon - half_width * (limit / tension).log() / friction, goal), motor)
+    ends = torch.where(at_start >= limit, motor, stops)
+    return torch.where(at_goal < limit, torch.maximum(goal, tendon - half_width), ends)
+
+
+def paid_out(unstretched: Tensor, held: Tensor) -> Tensor:
+    """Whether a tendon at p has been paid out from where it was [mm]; bool."""
+    return unstretched > held + FREE
+
+
 def motor_yield(motor: Tensor, goal: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
     """(q, goal of the motor) after a limit of tension has shifted its tendon [mm]."""
     motor, goal = motor + shift, goal + shift

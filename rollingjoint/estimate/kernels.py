@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from rollingjoint.compiled import (
+    NARROW,
     PENDING,
     PinnedBatch,
     borrow,
@@ -41,7 +42,6 @@ from rollingjoint.kernels.batch import stiffness_at
 from rollingjoint.load import LOAD_COLUMNS
 
 LINK = LOAD_COLUMNS.index("link")
-NARROW = 1e-6  # mm: half the width of a play that is none
 LOST = 100.0  # cost of a step without a usable equilibrium
 YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
 

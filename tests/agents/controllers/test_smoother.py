@@ -121,7 +121,10 @@ def test_without_the_last_actions_in_the_observation_it_remembers_its_own():
         (INSTRUMENT, {"load": {"process": "step"}}, "load.process"),
         ("rj_gym/LatePose-v0", {"sensing": {"pose": "tip"}}, "poses of all links"),
         (INSTRUMENT, {"observe_tensions": False}, "observe_tensions"),
-        ("rj_gym/ArmInstrument-v0", {}, "a planar chain"),
+        ("rj_gym/ArmInstrument-v0", {"load": {"process": "step"}}, "constant"),
+        ("rj_gym/ArmInstrument-v0", {"friction": None}, "friction"),
+        ("rj_gym/ArmInstrument-v1", {}, "start"),
+        ("rj_gym/FlexibleArm-v0", {}, "friction"),
     ],
 )
 def test_worlds_that_it_does_not_know_are_refused_in_one_line(env_id, settings, match):

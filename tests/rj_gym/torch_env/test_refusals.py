@@ -29,10 +29,6 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
         ),
         ({"mechanism": five_link().replace(friction=CapstanFriction(0.1))}, "friction = .*gymnasium.make_vec"),
         ({"env_id": "rj_gym/Instrument-v0", "friction": {"mu": 0.1}}, "friction = .*gymnasium.make_vec"),
-        (
-            {"env_id": "rj_gym/Instrument-v0", "actuation": {"limit_at": "motor"}},
-            "actuation.limit_at = 'motor': expected 'tendon', since lanes on a device do not have it.",
-        ),
         ({"env_id": GOAL, "sensing": {"delay": 2}}, "sensing, actuation, .*use the id without Goal"),
         (
             {"env_id": "rj_gym/FlexibleArm-v0"},
@@ -104,8 +100,6 @@ def settings_by_section(config=None):
 
 def test_every_setting_is_taken_or_known_to_be_refused():
     refused = {("", "friction"), *(("terms", each.name) for each in fields(Terms))}
-    refused |= {("actuation", name) for name in ("tension_limit", "limit_at", "current_resolution", "dead_band_mm")}
-    refused |= {("sensing", name) for name in ("tension_at", "tension_gain_error", "tension_offset")}
     taken = {(section, name) for section, names in TAKEN.items() for name in names}
     every = {(section, name) for section, names in settings_by_section().items() for name in names}
     assert taken == every - refused and refused <= every, (

@@ -74,6 +74,19 @@ INSTRUMENTS = {
             "observe_history": [1, 4],
         },
     ),
+    "motors of a rig": ("rj_gym/Instrument-v1", {"autoreset_mode": "SameStep"}),
+    "motors of a rig, pictures": ("rj_gym/SlowCamera-v1", {"privileged": "info"}),
+    "weak motors": (
+        "rj_gym/LatePose-v1",
+        {"actuation": {"tension_limit": (3.2, 6.0), "current_resolution": 0.5}, "privileged": "observation"},
+    ),
+    "limits of tendons": (
+        "rj_gym/Instrument-v0",
+        {
+            "actuation": {"tension_limit": (4.0, 9.0), "dead_band_mm": 0.1},
+            "sensing": {"tension_at": "tendon", "tension_gain_error": 0.1, "tension_offset": 0.4},
+        },
+    ),
     "slow motors": (
         PLAIN,
         {
