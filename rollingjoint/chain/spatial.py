@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,7 +144,9 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         joints, links = [], [SpatialLink()]
         for bead, limits in zip(arm.beads, arm.joint_limits.tolist(), strict=True):
             spring = bead.stiffness, bead.rest_angle
-            joints.append(PointHinge(bead.axis, (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits))
+            joints.append(
+                PointHinge(cast(Triple, bead.axis), (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits)
+            )
             links.append(SpatialLink(bead.weight, (0.0, 0.0, -0.5 * bead.spacing)))
         gaps = [*(bead.gap for bead in arm.beads), arm.beads[-1].gap]
         lower = [-0.5 * gaps[0], *(0.5 * bead.gap - bead.spacing for bead in arm.beads)]  # a tendon begins at a hinge
