@@ -154,12 +154,16 @@ class SmootherFeedback(FilterFeedback):
         A slack chain answers to moves as it does nowhere else; over a short way the wanted tensions count more.
         """
         way = super().way(reading, estimate)
+        if not self.bank.model.stiffens:
+            return way
         slack = (estimate.tensions < self.limits[0]).any(axis=1, keepdims=True)
         length = np.linalg.norm(way, axis=1, keepdims=True)
         return np.where(slack, way * np.minimum(1.0, _NEAR_MM / np.maximum(length, 1e-9)), way)
 
     def wanted(self, estimate: Estimate) -> Array:
-        """Wanted tensions, (B, m) [N]: all raised equally, until one is at its limit."""
+        """Wanted tensions, (B, m) [N]: all raised equally, until one is at its limit, where that stiffens."""
+        if not self.bank.model.stiffens:
+            return super().wanted(estimate)
         now = estimate.tensions
         return now + (self.limits[1] - now).min(axis=1, keepdims=True)
 
@@ -282,7 +286,8 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     doubt = own.doubt * _explained(task, own)
     effort = Effort(every=own.every, searches=searches, starts=own.starts, doubt=doubt)
     steps, pictured = config.episode_steps + 1, sensing.pose != "none"
-    prior, worn = (HiddenPrior.of(mechanism, each) for each in (ranges, ranges.worn()))
+    prior, wears = HiddenPrior.of(mechanism, ranges), ranges.worn() != ranges
+    worn = HiddenPrior.of(mechanism, ranges.worn()) if wears else None
     return Smoother(mechanism, prior, law, list(links), effort, steps, pictured, worn)
 
 
