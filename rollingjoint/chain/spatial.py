@@ -130,7 +130,9 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         joints, links = [], [SpatialLink()]
         for bead, limits in zip(arm.beads, arm.joint_limits.tolist(), strict=True):
             spring = bead.stiffness, bead.rest_angle
-            joints.append(PointHinge(bead.axis, (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits))
+            joints.append(
+                PointHinge(tuple(map(float, bead.axis)), (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits)
+            )
             links.append(SpatialLink(bead.weight, (0.0, 0.0, -0.5 * bead.spacing)))
         gaps = [*(bead.gap for bead in arm.beads), arm.beads[-1].gap]
         lower = [-0.5 * gaps[0], *(0.5 * bead.gap - bead.spacing for bead in arm.beads)]  # a tendon begins at a hinge
