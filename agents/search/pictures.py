@@ -102,11 +102,24 @@ def _shapes_in_space(search: Search, best: SpatialChain | None, theirs: SpatialC
     figure = figure_of(5.2 * len(drawn), 5.0)
     for place, mechanism in enumerate(drawn):
         axes = cast(Axes3D, figure.add_subplot(1, len(drawn), place + 1, projection="3d"))
-        for equilibrium in (solve_tensions(mechanism, row) for row in rows[:MOST_POSES]):
-            if equilibrium.ok:
-                plot_arm(equilibrium, axes)
+        shapes = [shape for shape in (solve_tensions(mechanism, row) for row in rows[:MOST_POSES]) if shape.ok]
+        for shape in shapes:
+            plot_arm(shape, axes)
+        _frame(axes, np.stack([mechanism.poses(mechanism.neutral_angles), *(shape.poses for shape in shapes)]))
         axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
     return png(figure, DPI)
+
+
+def _frame(axes: Axes3D, poses: Array) -> None:
+    """Show links (any, n, 4, 4) at one scale, without the legend."""
+    points = poses[..., :3, 3].reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, reach = 0.5 * (low + high), 0.55 * float((high - low).max())
+    for limit, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle.tolist(), strict=True):
+        limit(centre - reach, centre + reach)
+    axes.set_box_aspect((1.0, 1.0, 1.0))
+    if axes.get_legend() is not None:
+        axes.get_legend().remove()
 
 
 def archive(search: Search) -> bytes | None:

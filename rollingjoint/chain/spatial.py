@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import joint_table
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
-from rollingjoint.chain.hinge import checked_load_table, with_values
+from rollingjoint.chain.hinge import HingeChain, checked_load_table, with_values
 from rollingjoint.chain.space_outline import SpatialOutline, rail
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
-from rollingjoint.chain.spatial_joints import SpatialJoint
+from rollingjoint.chain.spatial_joints import PointHinge, SpatialJoint
 from rollingjoint.chain.tendon import SpaceTendon
 from rollingjoint.checks import Triple, as_floats, as_number
 from rollingjoint.errors import MechanismError
@@ -131,6 +131,32 @@ class SpatialChain(Chain[SpatialEquilibrium]):
                         "0 or more [mm]: a tendon enters a link at its parent hole, on the side of the base",
                         "Swap the holes.",
                     )
+
+    @classmethod
+    def from_arm(cls, arm: HingeChain) -> SpatialChain:
+        """An arm of beads as a chain of hinges in space, with the same equilibria.
+
+        Raises:
+            MechanismError: tendons of another model than "exact".
+        """
+        if arm.model != "exact":
+            raise MechanismError("tendon model", arm.model, "exact, the one of chains in space")
+        joints, links = [], [SpatialLink()]
+        for bead, limits in zip(arm.beads, arm.joint_limits.tolist(), strict=True):
+            spring = bead.stiffness, bead.rest_angle
+            joints.append(
+                PointHinge(cast(Triple, bead.axis), (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits)
+            )
+            links.append(SpatialLink(bead.weight, (0.0, 0.0, -0.5 * bead.spacing)))
+        gaps = [*(bead.gap for bead in arm.beads), arm.beads[-1].gap]
+        lower = [-0.5 * gaps[0], *(0.5 * bead.gap - bead.spacing for bead in arm.beads)]  # a tendon begins at a hinge
+        tendons = []
+        for tendon in arm.tendons:
+            holes = [
+                ((x, y, lower[k]), (x, y, -0.5 * gaps[k])) for k, (x, y) in enumerate(tendon.link_holes(arm.n_links))
+            ]
+            tendons.append(SpaceTendon(holes, tendon.end, tendon.stiffness, tendon.friction))
+        return cls(joints, tendons, links, arm.name, arm.friction, arm.springs)
 
     @property
     def n_links(self) -> int:

@@ -113,7 +113,8 @@ class DifferentiableSpatialChain(ChainTensors):
     @classmethod
     def _checked(cls, mechanism: object) -> SpatialChain:
         if not isinstance(mechanism, SpatialChain):
-            raise InvalidInput("mechanism", mechanism, "a SpatialChain", "A RollingChain: see DifferentiableChain.")
+            hint = "An arm: SpatialChain.from_arm(arm). A RollingChain: DifferentiableChain."
+            raise InvalidInput("mechanism", mechanism, "a SpatialChain", hint)
         return mechanism
 
     @classmethod

@@ -83,7 +83,8 @@ def test_the_scale_reference_is_what_the_reference_has(tmp_path):
 
 
 def test_there_is_a_shipped_search_for_every_objective():
-    kinds = {item["kind"] for path in SHIPPED for item in load_search(path).objectives}
+    configs = [load_search(path) for path in SHIPPED]
+    kinds = {item["kind"] for config in configs for item in (*config.objectives, *config.limits)}
     assert kinds == set(KINDS)
 
 

@@ -317,6 +317,22 @@ def test_joints_of_one_plane_have_the_equilibria_and_gradients_of_the_planar_cha
     assert results[0] == pytest.approx(results[1], rel=1e-9, abs=1e-10)
 
 
+def test_an_arm_has_gradients_as_a_chain_of_hinges():
+    arm = rj.small_arm(weight=0.1).replace(springs=[rj.Spring(2, 0.05, (10.0, 0.0, 40.0))])
+    chain = rj.SpatialChain.from_arm(arm)
+    lengths = arm.neutral_lengths - [3.0, 0.5, 0.0, 1.0]
+    reference = rj.solve_lengths(arm, lengths, [arm.gravity()])
+    assert chain.gravity() == arm.gravity() and rj.solve_lengths(chain, lengths, [arm.gravity()]).ok
+    leaf = torch.tensor(lengths, requires_grad=True)
+    found = solve_lengths(DifferentiableSpatialChain.from_mechanism(chain), leaf, [chain.gravity()])
+    assert found.poses.detach().numpy() == pytest.approx(reference.poses, abs=1e-8)
+    assert found.tensions.detach().numpy() == pytest.approx(reference.tensions, abs=1e-8)
+    slopes = torch.stack([torch.autograd.grad(x, leaf, retain_graph=True)[0] for x in found.tip]).numpy()
+    assert slopes == pytest.approx(rj.sensitivity.dposes_dlengths(reference)[-1, :3], abs=1e-7)
+    with pytest.raises(rj.MechanismError, match="exact"):
+        rj.SpatialChain.from_arm(rj.small_arm(model="linear"))
+
+
 def test_designs_and_load_cases_broadcast_and_become_the_chains_they_came_from():
     chains = [BUILDS["mixed"]()]
     stiffer = [dataclasses.replace(tendon, stiffness=9.0) for tendon in chains[0].tendons]
