@@ -59,7 +59,10 @@ TESTS = "tests/rollingjoint"
 CHAIN = f"{TESTS}/chain"
 PLANAR = [f"{CHAIN}/test_equilibrium.py", f"{CHAIN}/test_joint_table.py"]
 SPATIAL = [f"{CHAIN}/test_hinge_equilibrium.py", f"{CHAIN}/test_spatial_lanes.py", f"{CHAIN}/test_turns.py"]
-CONTACTS = [f"{CHAIN}/test_spatial.py", f"{CHAIN}/test_spatial_lanes.py", f"{CHAIN}/test_spatial_friction.py"]
+CONTACTS = [
+    f"{TESTS}/kernels/test_contacts.py",
+    *(f"{CHAIN}/test_{name}.py" for name in ("spatial", "spatial_lanes", "spatial_friction")),
+]
 FRICTION = [f"{CHAIN}/test_friction.py", f"{CHAIN}/test_friction_jacobian.py"]
 TRACKING = "tests/rj_gym/tracking"
 EPISODES = [f"{TRACKING}/test_{name}.py" for name in ("hardware", "planar_env", "planar_task", "arm_task")]
@@ -69,7 +72,7 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
     "profile.py": [f"{TESTS}/test_profile.py"],
     "joint_table.py": [f"{CHAIN}/test_joint_table.py"],
     "contact|spatial_lanes": CONTACTS,
-    "joints.py": [*PLANAR, *CONTACTS],
+    "kernels/joints.py": [f"{TESTS}/kernels/test_joints.py", *PLANAR, *CONTACTS],
     "torsion": [f"{CHAIN}/test_torsion_spring.py"],
     "hinge|spatial": [*SPATIAL, f"{CHAIN}/test_hinge_friction.py"],
     "rubbed|friction|turns": [*FRICTION, f"{CHAIN}/test_turns.py"],
@@ -82,6 +85,7 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
 }
 SECOND = {  # likewise: all tests of the subject that use the file
     "rj_gym|transmission": ["tests/rj_gym"],
+    "contact|spatial_lanes": [f"{TESTS}/kernels", *SPATIAL, *CONTACTS],
     "": [f"{TESTS}/{name}" for name in ("kernels", "chain", "statics", "test_theory.py")],
 }
 

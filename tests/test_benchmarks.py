@@ -401,3 +401,11 @@ def test_gaps_through_vectors_are_those_that_are_written_out(monkeypatch, capsys
     monkeypatch.setattr(vectors, "ROUNDS", 100)
     vectors.main()
     assert capsys.readouterr().out.endswith("equal to the last bit: yes\n")
+
+
+def test_kernels_own_source_gives_what_is_written_for_tensors():
+    import one_source
+
+    case = one_source.Case(7)
+    for one, other in zip(case.shared_by(one_source.SharedSource()), case.written_for_tensors(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)

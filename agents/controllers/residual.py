@@ -126,4 +126,4 @@ def controller_of(config: TrainConfig, policy: Controller) -> Controller:
     """The policy of a run as the controller that it is: alone, or on top of another controller."""
     if config.residual is None:
         return policy
-    return ResidualPolicy(base_controller(config.residual, config.env.id), policy)
+    return ResidualPolicy(base_controller(config.residual, world_of(config.env)), policy)

@@ -6,11 +6,12 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.controllers.arm_smoother import arm_smoother_of, check_arm
 from agents.controllers.controller import Array, Mask, Reading, restarted
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
 from agents.controllers.filters.bank import Bank
@@ -19,10 +20,10 @@ from agents.controllers.steps import tensions_within_margin
 from rj_gym.core.settings import Settings
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import RollingChain
+from rollingjoint import HingeChain, RollingChain
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
+from rollingjoint.estimate import ArmSmoother, Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
 from rollingjoint.transmission import pull_limit
 
 _SHARP_RAD, _SHARP_MM = 1e-3, 0.02  # standard deviations of pictures without noise
@@ -153,24 +154,28 @@ class SmootherFeedback(FilterFeedback):
         A slack chain answers to moves as it does nowhere else; over a short way the wanted tensions count more.
         """
         way = super().way(reading, estimate)
+        if not self.bank.model.stiffens:
+            return way
         slack = (estimate.tensions < self.limits[0]).any(axis=1, keepdims=True)
         length = np.linalg.norm(way, axis=1, keepdims=True)
         return np.where(slack, way * np.minimum(1.0, _NEAR_MM / np.maximum(length, 1e-9)), way)
 
     def wanted(self, estimate: Estimate) -> Array:
-        """Wanted tensions, (B, m) [N]: all raised equally, until one is at its limit."""
+        """Wanted tensions, (B, m) [N]: all raised equally, until one is at its limit, where that stiffens."""
+        if not self.bank.model.stiffens:
+            return super().wanted(estimate)
         now = estimate.tensions
         return now + (self.limits[1] - now).min(axis=1, keepdims=True)
 
     def failed(self, smoothed: Smoothed) -> Mask:
         """Where the fit has failed, (B,)."""
         finite = np.isfinite(smoothed.tip).all(axis=1) & np.isfinite(smoothed.tensions).all(axis=1)
-        searched = self.smoother.measured_steps >= min(self.smoother.effort.searches, default=0)
+        searched = self.smoother.measured_steps >= self.smoother.trusted_from
         return ~finite | (searched & ~(smoothed.misfit <= self.settings.smoother.misfit))
 
     def _ceilings(self, smoothed: Smoothed) -> Array:
         """The highest tensions that pulls reach behind the sheath, (B, m) [N]: where motors have stopped last."""
-        at, m = self.smoother.prior.layout, self._stops.shape[1]
+        at, m = cast(HiddenPrior, self.smoother.prior).layout, self._stops.shape[1]  # arms have no limits at motors
         frictions, gains, zeros = (smoothed.numbers[:, k : k + m] for k in (at.frictions, at.gains, at.zeros))
         ceilings = (self._stops - zeros) / gains
         if self.task.config.sensing.tension_at != "tendon":
@@ -220,11 +225,16 @@ def _row(observation: Any, episode: int) -> Any:
 
 
 def check_served(task: TrackingTask) -> TaskConfig:
-    """The settings of a task, one that the smoother knows; raises InvalidInput for others."""
+    """The settings of a task, one that the smoother knows; raises InvalidInput for others.
+
+    Friction that a task draws for the holes of its chain is not in the smoother's model: sheath friction stands for it.
+    """
     config, mechanism, name = task.config, task.mechanism, "what the smoother knows"
+    if isinstance(mechanism, HingeChain):
+        return check_arm(task)
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain", f"That is {name}.")
-    if config.has_friction(mechanism) or mechanism.springs:
+        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm", f"That is {name}.")
+    if mechanism.has_friction or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
     if config.load.process == "step":
         raise InvalidInput("load.process", config.load.process, "'constant' or 'ou'", f"That is {name}.")
@@ -235,8 +245,10 @@ def check_served(task: TrackingTask) -> TaskConfig:
     return config
 
 
-def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother:
+def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother | ArmSmoother:
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
+    if isinstance(task.mechanism, HingeChain):
+        return arm_smoother_of(task, settings)
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing
     gain_error, zero = sensing.tension_gain_error, sensing.tension_offset
@@ -274,7 +286,8 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     doubt = own.doubt * _explained(task, own)
     effort = Effort(every=own.every, searches=searches, starts=own.starts, doubt=doubt)
     steps, pictured = config.episode_steps + 1, sensing.pose != "none"
-    prior, worn = (HiddenPrior.of(mechanism, each) for each in (ranges, ranges.worn()))
+    prior, wears = HiddenPrior.of(mechanism, ranges), ranges.worn() != ranges
+    worn = HiddenPrior.of(mechanism, ranges.worn()) if wears else None
     return Smoother(mechanism, prior, law, list(links), effort, steps, pictured, worn)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,14 @@ def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, pr
     return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
 
 
+_FALL_BACK = {
+    "rj_gym/Instrument-v0": "probing bank",
+    "rj_gym/InstrumentShift-v0": "probing bank",
+    "rj_gym/SlowCamera-v0": "bank of filters",
+    "rj_gym/LatePose-v0": "bank of filters",
+}
+"""The banks that smoothers fall back on, by world."""
+
 _SMOOTHER: Space = {
     "tension_sd": LogUniform(0.08, 0.3),
     "tension_share": LogUniform(0.001, 0.05),
@@ -128,13 +136,13 @@ _SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_
 
 def _smoother(env_id: str) -> Tunable:
     space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
-    return Tunable(_smoother_in(env_id, "probing bank"), space)
+    return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space)
 
 
 def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
     smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
     space = _below("smoother", smoother) | _below("feedback", _STEERING | (_SURE if play else {}))
-    return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
+    return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space, {"smoother": {"searches": 3}})
 
 
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
@@ -217,7 +225,16 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
-WORLDS = {**_FIRST, **{env_id: _FIRST[first] for env_id, first in _LATER.items()}}
+
+def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
+    """The controllers of a later version: its smoother falls back on the bank with the settings of this version."""
+    controllers = dict(_FIRST[first])
+    if first in _FALL_BACK:
+        controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
+    return controllers
+
+
+WORLDS = {**_FIRST, **{env_id: _later(env_id, first) for env_id, first in _LATER.items()}}
 """By the name of a world, as of world_of: its controllers by name."""
 
 
@@ -232,7 +249,7 @@ def world_of(env: EnvConfig) -> str:
 def tuned_controllers(world: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name, as in tuned.yaml.
 
-    A later version of a world has the settings that were tuned in its first until it has some there.
+    A controller has in a later version of a world the settings that were tuned in its first until it has its own there.
 
     Raises:
         ConfigError: a world without any.
@@ -262,7 +279,7 @@ def hint(name: str, names: Iterable[str]) -> str:
 @cache
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
-    return {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
+    return {env_id: content.get(_LATER.get(env_id), {}) | content.get(env_id, {}) for env_id in WORLDS}
 
 
 opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

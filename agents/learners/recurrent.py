@@ -94,10 +94,11 @@ class RecurrentTape:
         self._by_memory = torch.cat([cell.weight_hh_l0, hidden.weight[:, :width]])
         self._z_bias = torch.cat([cell.bias_ih_l0, hidden.bias])
         self._memory_bias = torch.cat([cell.bias_hh_l0, torch.zeros(width)])
-        self._x = torch.zeros(steps, lanes, encoder.in_features)
-        self._z, self._new, self._fed, self._hidden = torch.zeros(4, steps, lanes, width)
-        self._gates = torch.zeros(steps, lanes, 2 * width)  # r and u
-        self._memories = torch.zeros(steps + 1, lanes, width)  # before the first step, and after each
+        self._x = torch.empty(steps, lanes, encoder.in_features)
+        self._z, self._new, self._fed, self._hidden = torch.empty(4, steps, lanes, width)
+        self._gates = torch.empty(steps, lanes, 2 * width)  # r and u
+        self._memories = torch.empty(steps + 1, lanes, width)  # before the first step, and after each
+        self._memories[0] = 0.0
         self._recalled = self._memory_bias.expand(lanes, -1)
 
     @property
@@ -127,10 +128,11 @@ class RecurrentTape:
         """Before the gradients by the last step."""
         steps, lanes, w = self._z.shape
         self._now = steps
-        self._by_actions = torch.zeros(steps, lanes, len(self._last[1]))
-        self._by_encoded = torch.zeros(steps, lanes, w)
-        self._by_seen = torch.zeros(steps, lanes, 4 * w)
-        self._by_recalled = torch.zeros(steps + 1, lanes, 4 * w)  # from each memory, that before the first step too
+        self._by_actions = torch.empty(steps, lanes, len(self._last[1]))
+        self._by_encoded = torch.empty(steps, lanes, w)
+        self._by_seen = torch.empty(steps, lanes, 4 * w)
+        self._by_recalled = torch.empty(steps + 1, lanes, 4 * w)  # from each memory, that before the first step too
+        self._by_recalled[0, :, 3 * w :] = self._by_recalled[steps, :, : 3 * w] = 0.0
         self._carried = torch.zeros(lanes, w)
 
     @torch.no_grad()

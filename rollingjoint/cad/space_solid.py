@@ -47,7 +47,7 @@ def placed(meshes: list[Any], poses: Array) -> Any:
 
 def _cut(body: SpatialBody, link: int, tolerance: float, turn: float) -> Any:
     trimesh = package("trimesh")
-    block = _block(body, tolerance)
+    block = _block(body, tolerance, turn)
     for channel in body.channels:
         block -= _drill(channel, body, tolerance, turn)
     pieces = block.decompose()
@@ -59,13 +59,14 @@ def _cut(body: SpatialBody, link: int, tolerance: float, turn: float) -> Any:
     return trimesh.Trimesh(corners, mesh.tri_verts, process=True)
 
 
-def _block(body: SpatialBody, tolerance: float) -> Any:
-    """The body without channels, as manifold3d's Manifold."""
+def _block(body: SpatialBody, tolerance: float, turn: float) -> Any:
+    """The body without channels, as manifold3d's Manifold; its outline is turned by a share of a side."""
     manifold3d = package("manifold3d")
     reach, (bottom, top) = body.radius + 1.0, _extent(body)
     count = _sides(body.radius, tolerance)
     radius = body.radius / np.cos(np.pi / count)  # the corners of contact surfaces lie on the circle
-    block = manifold3d.Manifold.cylinder(top - bottom, radius, radius, count).translate((0.0, 0.0, bottom))
+    block = manifold3d.Manifold.cylinder(top - bottom, radius, radius, count).rotate((0.0, 0.0, turn * 360.0 / count))
+    block = block.translate((0.0, 0.0, bottom))
     for face in body.faces:
         room = _half_space(face, reach, (bottom, top), 0.0 if not face.rolls else SET_BACK)
         block ^= room + _half_space(face, reach, (bottom, top), 0.0, face.half_width) if face.rolls else room

@@ -15,6 +15,7 @@ Modules:
     rolling: links that roll on each other, and the arrays that kernels read.
     se3: spatial rigid-body motions.
     solution: the base class of all equilibria.
+    space_outline: outlines of links in space, for any drawing.
     spatial: chains in space: links, and the arrays that kernels read.
     spatial_equilibrium: their equilibria and reactions.
     spatial_joints: their joints.

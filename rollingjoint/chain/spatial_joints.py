@@ -27,6 +27,12 @@ _ALONG_Z = 1e-9  # of an axis: its part across z, below which the lateral direct
 _LARGEST_CELL = 0.2  # rad; sine and cosine are polynomials of degree 9 there, to rounding
 
 
+def _as_angle(what: str, value: object) -> float:
+    """The value as a float; MechanismError unless it is an angle of one turn at most, which degrees rarely are."""
+    allowed = "an angle in radians, from -2π to 2π"
+    return as_number(what, value, -2.0 * np.pi, 2.0 * np.pi, allowed=allowed, error=MechanismError)
+
+
 class SpatialJoint(ABC):
     """A joint of a chain in space, with one angle about an axis that is fixed in both of its links.
 
@@ -43,7 +49,7 @@ class SpatialJoint(ABC):
     def _check_spring(self, name: str) -> None:
         """Raise MechanismError for a wrong spring; hold plain numbers."""
         stiffness = as_number(f"{name} stiffness", self.stiffness, 0.0, allowed="0 or more", error=MechanismError)
-        rest_angle = as_number(f"{name} rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        rest_angle = _as_angle(f"{name} rest_angle", self.rest_angle)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "rest_angle", rest_angle)
 
@@ -124,7 +130,8 @@ class RollingContact(SpatialJoint):
         stiffness: of a torsion spring [N·mm/rad].
         rest_angle: where the spring carries no moment [rad].
     Raises:
-        MechanismError: no Surface, a half_width or a stiffness that is not possible, numbers that are not finite.
+        MechanismError: no Surface, a half_width or a stiffness that is not possible, angles beyond 2π, numbers that are
+            not finite.
     """
 
     azimuth: float
@@ -139,11 +146,9 @@ class RollingContact(SpatialJoint):
         for side in ("parent", "child"):
             if not isinstance(getattr(self, side), Surface):
                 raise MechanismError(f"contact {side}", getattr(self, side), "a Surface")
-        for name, unit in (("azimuth", "rad"), ("middle", "mm")):
-            value = as_number(
-                f"contact {name}", getattr(self, name), allowed=f"a number [{unit}]", error=MechanismError
-            )
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "azimuth", _as_angle("contact azimuth", self.azimuth))
+        middle = as_number("contact middle", self.middle, allowed="a number [mm]", error=MechanismError)
+        object.__setattr__(self, "middle", middle)
         half_width = as_positive("contact half_width", self.half_width, "a positive number [mm]", MechanismError)
         object.__setattr__(self, "half_width", half_width)
         self._check_spring("contact")
@@ -239,7 +244,8 @@ class PointHinge(SpatialJoint):
         rest_angle: where the spring carries no moment [rad]. The hinge is there at rest, or at the limit nearest to it.
         limits: smallest and largest angle [rad]. It ends earlier where two holes meet.
     Raises:
-        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order.
+        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order,
+            angles beyond 2π.
     """
 
     axis: Sequence[float]

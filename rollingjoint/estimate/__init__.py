@@ -8,10 +8,17 @@ Modules:
     equations: the normal equations of a history.
     arrays: of all these.
     smoother: the most likely hidden numbers of episodes, step by step.
+    arm_hidden, arm_derivatives, arm_rows, arm_smoother: the same for arms with friction in their holes.
 """
 
-from rollingjoint.estimate.arrays import MeasurementLaw
+from rollingjoint.estimate.arm_hidden import LARGEST_TILT, ArmPrior, ArmRanges
+from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
+from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother
+from rollingjoint.estimate.arrays import MeasurementLaw, MotorHistory
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior, HiddenRanges
 from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
 
-__all__ = ["Effort", "HiddenLayout", "HiddenPrior", "HiddenRanges", "MeasurementLaw", "Smoothed", "Smoother"]
+__all__ = [
+    "LARGEST_TILT", "ArmEffort", "ArmLaw", "ArmPrior", "ArmRanges", "ArmRows", "ArmSmoother", "Effort", "FollowedArm",
+    "HiddenLayout", "HiddenPrior", "HiddenRanges", "MeasurementLaw", "MotorHistory", "Smoothed", "Smoother",
+]  # fmt: skip

@@ -153,6 +153,11 @@ class Smoother:
         """How many steps of the episodes have been measured, (N,)."""
         return np.maximum(self.history.counts - self._before, 0)
 
+    @property
+    def trusted_from(self) -> int:
+        """Measured steps from which on a misfit tells that the fit has failed."""
+        return min(self.effort.searches, default=0)
+
     def _begun(self, episodes: Integers, links: Integers) -> Track:
         numbers, priors = np.tile(self.prior.means, (len(episodes), 1)), np.zeros(len(episodes), np.int64)
         return self._fine.begun(episodes, links, priors, numbers)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.chain.outline import spatial_outlines
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 
@@ -33,7 +32,7 @@ def draw_surfaces(ax: Axes3D, chain: SpatialChain, poses: Array, color: str) -> 
 
     surfaces: list[Array] = []
     rails: list[Array] = []
-    for pose, outline in zip(poses, spatial_outlines(chain), strict=True):
+    for pose, outline in zip(poses, chain.outlines(), strict=True):
         for strip, rail in zip(outline.strips, outline.rails, strict=True):
             quads = np.stack([strip[:-1, 0], strip[1:, 0], strip[1:, 1], strip[:-1, 1]], axis=1)
             surfaces += list(quads @ pose[:3, :3].T + pose[:3, 3])

@@ -106,8 +106,8 @@ def _draw_tubes(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, colo
     faces: list[Array] = []
     bodies = list(enumerate(chain.body_ends.tolist(), start=1))
     if isinstance(chain, SpatialChain):
-        base = np.concatenate([points[0, :, 2] for points in chain.hole_points])
-        bodies.append((0, [base.min(), base.max()]))
+        base = chain.outlines()[0]
+        bodies.append((0, [base.low, base.high]))
     for k, ends in bodies:
         low, high = ((poses[k, :3, :3] @ (rim + np.array([[0.0], [0.0], [z]]))).T + poses[k, :3, 3] for z in ends)
         faces += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(_SIDES)]

@@ -96,16 +96,20 @@ def differences(case, equilibrium):
     return largest
 
 
-def turns_at(mechanism, angles):
-    """Turn of every tendon at the two holes of the link below each joint, (J, m) [rad]; NaN where it does not pass."""
-    shape = mechanism.n_joints, mechanism.n_tendons
-    state, turn = _new_state(*shape), np.full((*shape, N_TURN), np.nan)
+def geometry_at(mechanism, angles):
+    """The arrays of a mechanism without its axis of designs, and its state at joint angles, a ContactState."""
+    state, arrays = _new_state(mechanism.n_joints, mechanism.n_tendons), mechanism.arrays._asdict()
     state.angle[:] = angles
     whole = ("cells", "coefficients", "tendon_joints")  # of all designs
-    arrays = mechanism.arrays._asdict()
     design = contacts.ContactJoints(**{name: a if name in whole else a[0] for name, a in arrays.items()})
     _fill_geometry(design, state)
-    _fill_turns(design, state, turn)
+    return design, state
+
+
+def turns_at(mechanism, angles):
+    """Turn of every tendon at the two holes of the link below each joint, (J, m) [rad]; NaN where it does not pass."""
+    turn = np.full((mechanism.n_joints, mechanism.n_tendons, N_TURN), np.nan)
+    _fill_turns(*geometry_at(mechanism, angles), turn)
     return turn[..., TURN]
 
 

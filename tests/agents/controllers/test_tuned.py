@@ -8,24 +8,26 @@ import gymnasium
 import numpy as np
 import pytest
 
+from agents.controllers import tuned
+from agents.controllers.controller import FunctionController
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive, ProbeSettings
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import Outlook, cross_play, damped_increments, look_ahead
 from agents.controllers.open_loop import FrictionOpenLoop, OpenLoop, true_friction
 from agents.controllers.privileged_feedback import PrivilegedFeedback
-from agents.controllers.residual import base_controller
+from agents.controllers.residual import base_controller, controller_of, output_size
 from agents.controllers.search_space import Choice, LogUniform, Uniform, drawn_settings, settings_near, value_at
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.steps import KEEP, FeedbackSettings, length_responses, tensions_within_margin
 from agents.controllers.tuned import BLIND, WORLDS, tunable_in, tuned_controllers, world_of
 from agents.evaluation.rollout import run_episodes
-from agents.runs.config import env_settings
+from agents.runs.config import env_settings, load_config
 from agents.runs.environment import EnvConfig
 from agents.tuning import controllers as tune
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
-from rollingjoint.checked_yaml import read_yaml
+from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.errors import ConfigError, InvalidInput
 
 INSTRUMENT, CAMERA, LATE = "rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0", "rj_gym/LatePose-v0"
@@ -64,10 +66,26 @@ def test_all_opponents_have_been_tuned(world):
     found = tuned_controllers(world)
     assert list(found) and set(found) == set(tunable_in(world))
     kept = read_yaml(tune.TUNED)
-    content = kept[world if world in kept else world.replace("-v1", "-v0")]
-    for name, tuned in content.items():
-        assert tuned["tries"] >= 20 and tuned["episodes"] >= 250, name
-        assert 0.0 < tuned["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
+    content = kept[world.replace("-v1", "-v0")] | kept.get(world, {})
+    for name, record in content.items():
+        assert record["tries"] >= 20 and record["episodes"] >= 250, name
+        assert 0.0 < record["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
+
+
+def test_what_is_tuned_in_a_later_version_replaces_the_settings_of_the_first_one_by_one(tmp_path, monkeypatch):
+    later, content = INSTRUMENT.replace("-v0", "-v1"), read_yaml(tune.TUNED)
+    bank = content[INSTRUMENT]["probing bank"]
+    settings = bank["settings"] | {"filter": bank["settings"]["filter"] | {"hypotheses": 16}}
+    file = tmp_path / "tuned.yaml"
+    file.write_text(dump_yaml({**content, later: {"probing bank": bank | {"settings": settings}}}))
+    monkeypatch.setattr(tuned, "TUNED", file)
+    monkeypatch.setattr(tuned, "_tuned", tuned._tuned.__wrapped__)
+    hypotheses = [
+        [tuned_controllers(env_id)[name].settings.filter.hypotheses for name in ("probing bank", "smoother")]
+        for env_id in (INSTRUMENT, later)
+    ]
+    assert hypotheses == [[32, 32], [16, 16]]
+    assert list(tuned_controllers(later)) == list(tuned_controllers(INSTRUMENT))
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -287,6 +305,14 @@ def test_feedback_on_filters_takes_an_arm_to_its_rest_tension():
         last_error(controller, ARM, SEEDS[:3])
         estimated = controller.estimates()[:, 3:11] * controller.task.config.tension_range[1]
         assert estimated.mean() == pytest.approx(rest, abs=0.5)
+
+
+def test_a_run_on_top_of_a_filter_drives_with_that_of_its_world():
+    """Its id alone has no filter: settings hide the tip."""
+    config = load_config("configs/train/apg_pitch_yaw_blind.yaml")
+    driving = controller_of(config, FunctionController(lambda observation: np.zeros((1, 8))))
+    assert isinstance(driving.base.controller, FilterFeedback)
+    assert output_size(config.residual, config.env) == 8 + 3 + 3 * 8
 
 
 def test_a_base_controller_with_filters_outputs_its_estimates_and_goes_on_after_a_pickle():

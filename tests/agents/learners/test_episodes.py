@@ -153,7 +153,7 @@ def test_gradients_through_pulls_that_limits_cut_are_the_differences() -> None:
 class TapedByTorch(RecurrentActor):
     """A RecurrentActor whose derivatives torch takes."""
 
-    def tape(self, steps: int, lanes: int) -> StepTape:  # type: ignore[override]
+    def tape(self, steps: int, lanes: int) -> StepTape:
         return StepTape(self)
 
 

@@ -307,6 +307,8 @@ BODY = {"azimuth": 0.0, "parent": arc(0.2, (0, -3)), "child": arc(-0.2, (0, 3)),
         {"half_width": 0.0},
         {"half_width": np.nan},
         {"azimuth": np.inf},
+        {"azimuth": 90.0},
+        {"rest_angle": -7.0},
         {"middle": "left"},
         {"stiffness": -1.0},
         {"rest_angle": np.nan},
@@ -323,6 +325,8 @@ def test_impossible_chains_are_refused():
     crossing = SpaceTendon([((1.0, 0.0, -3.5), (1.0, 0.0, 3.5))])
     with pytest.raises(MechanismError, match="the holes cross"):
         SpatialChain([joint], [crossing])
+    with pytest.raises(MechanismError, match=r"rise of tendon 0 .* in link 0 = -4.0: .*Swap the holes"):
+        SpatialChain([joint], [SpaceTendon([((1.0, 0.0, 2.0), (1.0, 0.0, -2.0))])])
     with pytest.raises(MechanismError, match="relative curvature of joint 1"):
         SpatialChain([joint, RollingContact(**BODY | {"child": arc(0.3, (0, 3))})], [tendon])
     with pytest.raises(MechanismError, match="number of links"):

@@ -13,15 +13,19 @@ from tests.rollingjoint.chain.spatial_chains import rolling_contact
 locate, straight_gap, gap_rates = map(standalone, (joints.locate, joints.straight_gap, joints.gap_rates))
 
 
-def flat_contact():
+def flat_contact(*curvatures):
     """Surfaces that are nearly alike at one end, where cells are narrow."""
-    steep = Profile.samples([-10.0, 10.0], [1e-7, 0.2])
+    steep = Profile.samples([-10.0, 10.0], curvatures)
     return RollingContact(
         0.0, Surface(steep, (0.0, -10.0)), Surface(Profile.constant(0.0, (-10.0, 10.0)), (0.0, 10.0)), 3.0
     )
 
 
-@pytest.mark.parametrize("contact", [rolling_contact(np.random.default_rng(0)), flat_contact()], ids=["broken", "flat"])
+@pytest.mark.parametrize(
+    "contact",
+    [rolling_contact(np.random.default_rng(0)), flat_contact(1e-7, 0.2), flat_contact(0.2, 1e-7)],
+    ids=["broken", "flat at the highest angle", "flat at the lowest"],
+)
 def test_an_angle_is_looked_up_in_the_cell_that_begins_last_before_it(contact):
     cells = contact.table().cells
     per_radian, ends = buckets(cells)

@@ -23,7 +23,6 @@ from rollingjoint import (
     solve_tensions,
     solve_tensions_batch,
 )
-from rollingjoint.chain.outline import spatial_outlines
 from rollingjoint.plotting import plot_arm
 
 
@@ -96,7 +95,7 @@ def test_contact_surfaces_are_drawn_over_the_width_of_their_lines():
     at = solve_tensions(chain, [3.0, 2.0, 2.0, 4.0])
     bare = len(plot_arm(small_arm(2), tendons=False).collections)
     assert len(plot_arm(at, tendons=False).collections) == bare + 2
-    for link, outline in enumerate(spatial_outlines(chain)):
+    for link, outline in enumerate(chain.outlines()):
         sides = [(i, side) for i, side in ((link, "child"), (link - 1, "parent")) if 0 <= i < chain.n_joints]
         assert len(outline.strips) == len(sides) and (outline.low, outline.high) == (-1.7, 1.7)
         for strip in outline.strips:
@@ -113,7 +112,7 @@ def test_contact_surfaces_are_drawn_over_the_width_of_their_lines():
 
 def test_rails_are_closed_and_seen_from_outside():
     trimesh = pytest.importorskip("trimesh")
-    for outline in spatial_outlines(pitch_yaw(2)):
+    for outline in pitch_yaw(2).outlines():
         for rail in outline.rails:
             triangles = np.concatenate([face[[[0, 1, 2], [0, 2, 3]]] for face in rail])
             mesh = trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles))

@@ -1,0 +1,129 @@
+"""The hidden numbers of an arm in an episode: where each lies in a vector, and what is known of them beforehand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.checks import as_range
+from rollingjoint.errors import InvalidInput
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+LARGEST_TILT = 1.2  # rad: z of the direction of gravity follows from x and y, as long as it is not near 0
+_SMALLEST_MU = 1e-5  # of the holes: how far a tendon has turned in them follows from their grip
+
+
+class ArmLayout(NamedTuple):
+    """Where in a vector of K hidden numbers its parts begin; x and y of the direction of gravity (2) are at 0.
+
+    Offsets to places have a number per tendon (m); holes too, or one for all. Stiffnesses are factors of the nominal
+    ones, like hinges and weights, which have a number per joint (J).
+    """
+
+    payload: int
+    offsets: int
+    stiffnesses: int
+    half_widths: int
+    frictions: int
+    places: int
+    holes: int
+    hinges: int
+    weights: int
+    total: int
+
+    @classmethod
+    def of(cls, n_tendons: int, n_joints: int, shared: bool = False) -> Self:
+        """The layout for m tendons and J joints; shared: whether holes of all tendons have the same friction."""
+        tendons = [3 + n_tendons * part for part in range(6)]
+        hinges = tendons[-1] + (1 if shared else n_tendons)
+        return cls._make([2, *tendons, hinges, hinges + n_joints, hinges + 2 * n_joints])
+
+
+@dataclass(frozen=True)
+class ArmRanges:
+    """Ranges of the hidden numbers of an arm, as the settings of a task give them; each is uniform.
+
+    Args:
+        tilt: angles between gravity and the straight arm, uniform over that part of the sphere [rad].
+        payload: weight at the tip [N]. offset_mm: what every commanded length is off [mm].
+        stiffness, hinge, weight: factors of the nominal stiffnesses of tendons and hinges and of the beads' weights.
+        play_mm: widths of the play [mm]. sheath_friction, hole_friction: coefficients. shared: whether the holes of all
+            tendons have the same.
+    Raises:
+        InvalidInput: a range that is none, or a tilt beyond LARGEST_TILT.
+    """
+
+    tilt: Range = (0.0, 0.5)
+    payload: Range = (0.0, 0.5)
+    offset_mm: Range = (0.0, 0.0)
+    stiffness: Range = (1.0, 1.0)
+    hinge: Range = (1.0, 1.0)
+    weight: Range = (1.0, 1.0)
+    play_mm: Range = (0.0, 0.0)
+    sheath_friction: Range = (0.0, 0.0)
+    hole_friction: Range = (0.0, 0.0)
+    shared: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("tilt", "payload", "play_mm", "sheath_friction", "hole_friction"):
+            as_range(name, getattr(self, name), low=0.0)
+        for name in ("stiffness", "hinge", "weight"):
+            as_range(name, getattr(self, name), low=1e-3)
+        if self.tilt[1] > LARGEST_TILT:
+            raise InvalidInput("tilt", self.tilt, f"angles up to {LARGEST_TILT:g} rad")
+
+
+@dataclass(frozen=True)
+class ArmPrior:
+    """Hidden numbers before any measurement: normal distributions with the moments of their ranges, and bounds.
+
+    Args:
+        layout: where they lie. means, sds: (K,). low, high: bounds, (K,). radius: the largest size of x and y of the
+            direction of gravity.
+    """
+
+    layout: ArmLayout
+    means: Array
+    sds: Array
+    low: Array
+    high: Array
+    radius: float
+
+    @classmethod
+    def of(cls, arm: HingeChain, ranges: ArmRanges) -> Self:
+        """The prior of an arm with numbers in these ranges."""
+        m, n_joints = arm.n_tendons, arm.n_joints
+        half_widths = 0.5 * ranges.play_mm[0], 0.5 * ranges.play_mm[1]
+        places = (-0.5, 0.5) if ranges.play_mm[1] > 0.0 else (0.0, 0.0)
+        holes = max(ranges.hole_friction[0], _SMALLEST_MU), max(ranges.hole_friction[1], _SMALLEST_MU)
+        per_tendon = ranges.offset_mm, ranges.stiffness, half_widths, ranges.sheath_friction, places
+        radius = math.sin(ranges.tilt[1])
+        pairs = np.vstack([
+            [(-radius, radius)] * 2, [ranges.payload],
+            np.repeat(np.array(per_tendon), m, axis=0), [holes] * (1 if ranges.shared else m),
+            [ranges.hinge] * n_joints, [ranges.weight] * n_joints,
+        ])  # fmt: skip
+        low, high = np.ascontiguousarray(pairs.T)
+        sds = (high - low) / math.sqrt(12.0)
+        sds[:2] = _across_sd(ranges.tilt)
+        return cls(ArmLayout.of(m, n_joints, ranges.shared), 0.5 * (low + high), sds, low, high, radius)
+
+    def within(self, numbers: Array) -> Array:
+        """Hidden numbers (..., K) moved into their bounds."""
+        inside = np.clip(numbers, self.low, self.high)
+        size = np.hypot(inside[..., 0], inside[..., 1])[..., None]
+        inside[..., :2] *= np.minimum(1.0, self.radius / np.maximum(size, 1e-12))
+        return inside
+
+
+def _across_sd(tilt: Range) -> float:
+    """Standard deviation of x of a direction that is uniform over the part of the sphere with these tilts."""
+    angles = np.linspace(*tilt, 101)
+    return math.sqrt(np.average(np.sin(angles) ** 2, weights=np.sin(angles) + 1e-12) / 2.0)
