@@ -57,8 +57,8 @@ class SpatialDesignSpace(DesignBox):
 
     Args:
         n_joints: number of joints.
-        ends: numbers of joints that the rings of tendons cross; every ring has four tendons, and is turned by 45° from
-            the ring before it.
+        ends: numbers of joints that the rings of tendons cross; none: one ring, to the tip. Every ring has four
+            tendons, and is turned by 45° from the ring before it.
         knots: curvature values of a surface, at equal distances from end to end, on a cubic spline; odd.
         convexity: of the knots [1/mm]: a child surface has curvature -value, a parent surface +value.
         azimuth: turn of every joint's plane from pitch (joints 0, 2, ...) or yaw (joints 1, 3, ...) [rad].
@@ -81,7 +81,7 @@ class SpatialDesignSpace(DesignBox):
     tensors: ClassVar[type[DifferentiableSpatialChain]] = DifferentiableSpatialChain
 
     n_joints: int = 12
-    ends: tuple[int, ...] = (12,)
+    ends: tuple[int, ...] = ()
     knots: int = 3
     convexity: Range = (0.05, 0.35)
     azimuth: Range = (0.0, 0.0)
@@ -306,8 +306,9 @@ def _checked(settings: dict[str, Any]) -> dict[str, Any]:
     joints = as_integer("n_joints", settings["n_joints"], 1, 1000, error=ConfigError)
     allowed = f"one or more increasing numbers of joints, the last one {joints}"
     ends = settings["ends"]
-    if not isinstance(ends, list | tuple) or not ends:
+    if not isinstance(ends, list | tuple):
         raise ConfigError("ends", ends, allowed)
+    ends = ends or (joints,)
     ends = tuple(as_integer("ends", end, 1, joints, allowed=allowed, error=ConfigError) for end in ends)
     if list(ends) != sorted(set(ends)) or ends[-1] != joints:
         raise ConfigError("ends", ends, allowed)

@@ -160,7 +160,7 @@ def test_a_lifted_line_counts_as_the_most_friction():
         {"n_joints": 0},
         {"ends": (3,)},
         {"ends": (6, 4, 12)},
-        {"ends": ()},
+        {"ends": 12},
         {"knots": 4},
         {"convexity": (0.3, 0.1)},
         {"wall": 0.0},
