@@ -6,6 +6,7 @@ pyproject.toml has all else.
 """
 
 import re
+import shutil
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -18,7 +19,7 @@ CONTROLLERS = find_packages(include=[HERE, f"{HERE}.*"])
 
 
 class BuildRenamed(build_py):
-    """Copies modules, those of the controllers with their installed name."""
+    """Copies modules, those of the controllers with their installed name, and configurations."""
 
     def build_module(self, module: str, module_file: str, package: str) -> tuple[str, bool]:
         """Copy one module; where it went, and whether it was copied."""
@@ -27,6 +28,15 @@ class BuildRenamed(build_py):
             text = Path(module_file).read_text("utf-8")
             Path(copied).write_text(NAME.sub(INSTALLED, text), "utf-8", newline="\n")
         return copied, is_new
+
+    def run(self) -> None:
+        """Copy the packages, and the ready-made configurations into the one of the controllers."""
+        super().run()
+        if not self.editable_mode:
+            for file in Path("configs").glob("*/*.yaml"):
+                target = Path(self.build_lib) / INSTALLED / file
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, target)
 
 
 class InstallBothNames(editable_wheel):

@@ -1,4 +1,4 @@
-"""Train many runs, some at a time: rj campaign configs/campaign/results.yaml --out runs/results.
+"""Train many runs, some at a time: rj campaign results --out runs/results.
 
 Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; the output goes to
 seed_K.log next to that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
@@ -18,13 +18,14 @@ from agents.runs.checks import job_count
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
+from agents.runs.ready_made import CAMPAIGN, configuration_file
 from agents.training.campaign import Campaign, load_campaign
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj campaign", description="Train many runs.")
-    parser.add_argument("campaign", type=Path, help="YAML file, for example one of configs/campaign/")
+    parser.add_argument("campaign", help="YAML file, or the name of one of configs/campaign/")
     parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
     add_options(parser, "runs")
     add_consent(parser)
@@ -34,8 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(arguments: argparse.Namespace) -> int:
     jobs = job_count("--jobs", arguments.jobs)
-    out = arguments.out or Path("runs") / arguments.campaign.stem
-    members = load_campaign(arguments.campaign)
+    file = configuration_file(CAMPAIGN, arguments.campaign)
+    out = arguments.out or Path("runs") / file.stem
+    members = load_campaign(file)
     typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]
     typed += [] if arguments.cluster == LOCAL else ["--cluster", arguments.cluster]
     write_text(out / "command.txt", shlex.join(typed_command("rj campaign", typed)) + "\n")

@@ -85,12 +85,12 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
     from agents.controllers.controller import load_controller
     from agents.controllers.residual import controllers_in
+    from agents.controllers.tuned import hint, world_of
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
     from agents.runs.folder import RunFolder
     from rj_gym.registry import version_of
-    from rollingjoint.checks import suggestion
 
     env = EnvConfig(env_id or EnvConfig.id)
     if text in list_policies() or text.endswith(SUFFIX):
@@ -99,13 +99,13 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))
         return load_driving(run), env if env_id else run.config().env
-    controllers = controllers_in(env.id)
+    controllers = controllers_in(world_of(env))
     if text in controllers:
         return controllers[text], env
     if ":" in text:
         return load_controller(text), env
     names = [*controllers, *list_policies()]
-    raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", suggestion(text, names))
+    raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", hint(text, names))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from agents.runs.config import apply_overrides
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TEST, VALIDATION
-from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -66,11 +65,14 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.results.record import World
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         hint = "Ids begin with rj_gym/; others have no tip error."
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
+    if arguments.alone and arguments.beside and not arguments.everywhere:
+        hint = "Leave one of them out, or add --everywhere, which takes the settings from that file."
+        raise ConfigError("--beside", str(arguments.beside), "no results file with --alone", hint)
     name = arguments.name or arguments.controller.rpartition(":")[2]
     kind, controller = _controller(arguments.controller, env)
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
@@ -90,6 +92,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
     """Kind of the controller in results, and the controller itself."""
     from agents.controllers.controller import load_controller
+    from agents.controllers.tuned import hint
     from agents.results.record import BASELINE, ENTRY
     from agents.results.roster import opponents
 
@@ -98,7 +101,7 @@ def _controller(text: str, env: EnvConfig) -> tuple[str, Controller]:
     able, _ = opponents(env)
     if text not in able:
         allowed = f"FILE.py:NAME or MODULE:NAME, or an opponent in {env.id}: {', '.join(able)}"
-        raise ConfigError("controller", text, allowed, suggestion(text, list(able)))
+        raise ConfigError("controller", text, allowed, hint(text, able))
     return BASELINE, able[text]
 
 

@@ -14,7 +14,7 @@ from agents.controllers.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
-from agents.runs.checks import episode_count, seed_number
+from agents.runs.checks import episode_count, prefixed, seed_number
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.config import TrainConfig
 from agents.runs.consent import add_consent, consent_of
@@ -60,7 +60,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     additional = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
     blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
     ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
-    others = {path.name: load_driving(_other_run(path, config, seeds)) for path in arguments.beside}
+    others = {path.name: _other_policy(path, config, seeds) for path in arguments.beside}
     names = [POLICY, *(path.name for path in arguments.beside), *additional, *ours]
     if repeated := next((name for name in names if names.count(name) > 1), ""):
         raise ConfigError("--beside or --controller", repeated, "a name that no other controller of the table has")
@@ -87,14 +87,17 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     return 0
 
 
-def _other_run(path: Path, config: TrainConfig, seeds: range) -> RunFolder:
-    """The run folder at `path`; raises ConfigError unless it is of this configuration's environment."""
-    run = RunFolder.open(path)
-    other = run.config()
-    other.check_unused(seeds)
-    if other.env.id != config.env.id:
-        raise ConfigError("--beside", str(path), f"a run of {config.env.id}", f"That one is of {other.env.id}.")
-    return run
+def _other_policy(path: Path, config: TrainConfig, seeds: range) -> Controller:
+    """The best policy of the run at `path`; raises ConfigError unless it is of this configuration's environment."""
+    from agents.policies.trained import load_driving
+
+    with prefixed("--beside: "):
+        run = RunFolder.open(path)
+        other = run.config()
+        other.check_unused(seeds)
+        if other.env.id != config.env.id:
+            raise ConfigError("run folder", str(path), f"a run of {config.env.id}", f"That one is of {other.env.id}.")
+        return load_driving(run)
 
 
 def _own_controller(text: str) -> Controller:

@@ -1,4 +1,4 @@
-"""Search hyper-parameters: rj tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
+"""Search hyper-parameters: rj tune --config ppo_tracking --study studies/ppo.
 
 A study is a folder. The same command continues it; several processes may work on it at once.
 
@@ -21,13 +21,14 @@ from agents.executors.options import add_options
 from agents.runs.checks import optional
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
+from agents.runs.ready_made import TUNE, configuration_file
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 searched, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj tune", description="Search hyper-parameters.")
     parser.add_argument(
-        "--config", type=Path, help="YAML file, for example one of configs/tune/; not needed to continue a study"
+        "--config", help="YAML file, or the name of one of configs/tune/; not needed to continue a study"
     )
     parser.add_argument("--study", type=Path, required=True, help="the folder of the study, new or existing")
     parser.add_argument("--trials", type=int, help="trials of the whole study; 0 only shows what would be searched")
@@ -45,7 +46,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     count = optional(trial_count)("--trials", arguments.trials)
     folder = StudyFolder(arguments.study, arguments.storage)
-    config = folder.config(arguments.config)
+    config = folder.config(arguments.config and configuration_file(TUNE, arguments.config))
     trials = config.trials if count is None else count
     if trials == 0:
         print("\n".join(f"{key}: {values}" for key, values in config.space.items()))

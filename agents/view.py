@@ -15,7 +15,7 @@ from agents.runs.command_line import exit_code
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
 from rollingjoint import PRESETS
-from rollingjoint.errors import ConfigError
+from rollingjoint.errors import ConfigError, MissingPackage, naming_extras
 from rollingjoint.io.mechanism_file import load_mechanism
 
 if TYPE_CHECKING:
@@ -49,25 +49,34 @@ def main(argv: Sequence[str] | None = None) -> int:
 def rooms(shelf: Sequence[EpisodeSet] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:
     """All rooms, with these episodes, searches and mechanisms to choose from.
 
+    Designs is left out where no search is given and the packages that it needs, of the extra `search`, are missing.
+
     Raises:
-        RunFolderError: a folder without a search. MechanismError: a file without a mechanism.
+        RunFolderError: a folder without a search. MechanismError: a file without a mechanism. MissingPackage: a search
+            is given, and a package that Designs needs is not installed.
     """
-    from agents.viewer.designs import Designs
     from agents.viewer.rooms.control import Control
-    from agents.viewer.rooms.designs import DesignsRoom
     from agents.viewer.rooms.explore import Explore
     from agents.viewer.rooms.replay import Replay
 
     for name in mechanisms:
         load_mechanism(name)
-    designs = [Designs.read(path) for path in searches]
     names = tuple(dict.fromkeys([*mechanisms, *PRESETS]))
-    return {
+    offered: Rooms = {
         Explore.name: partial(Explore, mechanisms=names),
         Control.name: Control,
         Replay.name: partial(Replay, shelf=shelf),
-        DesignsRoom.name: partial(DesignsRoom, searches=designs),
     }
+    try:
+        with naming_extras("search"):
+            from agents.viewer.designs import Designs
+            from agents.viewer.rooms.designs import DesignsRoom
+    except MissingPackage:
+        if searches:
+            raise
+        return offered
+    designs = [Designs.read(path) for path in searches]
+    return {**offered, DesignsRoom.name: partial(DesignsRoom, searches=designs)}
 
 
 def _command(arguments: argparse.Namespace) -> int:

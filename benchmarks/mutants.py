@@ -3,16 +3,18 @@
     python benchmarks/mutants.py                          # 50 mutants; about 40 minutes on one core
     python benchmarks/mutants.py --count 200 --seed 7     # others
     python benchmarks/mutants.py --of environments        # 50 of the environments' kernels
+    python benchmarks/mutants.py --of spatial             # 50 of the kernels of rolling joints in space
     python benchmarks/mutants.py --list                   # what would be broken, and how; nothing is run
     python benchmarks/mutants.py --only 3 17              # these of the draw
 
 A mutant is one change in the body of a function: of physics, of `rollingjoint/kernels`, of the table of joints or of
-profiles; of environments, of the compiled step of the tracking task or of the laws of its motors. It is another
-operator, a lost sign, a reversed comparison, a doubled constant, an index or a loop that is off by one; as many of
-each kind. It is made in a copy of the checkout, and its tests run until the first failure: those that are likely to
-notice, then all of the subject. Compiled kernels that it does not reach are kept. It is killed by a test that fails,
-by a process that dies, or by one that takes too long. One that survives lacks a test, unless
-`benchmarks/mutants_equivalent.yaml` says why no test can tell it from the original. Exit code 0: no other survives.
+profiles; of rolling joints in space, of their kernels; of environments, of the compiled step of the tracking task or of
+the laws of its motors. It is another operator, a lost sign, a reversed comparison, a doubled constant, an index or a
+loop that is off by one; as many of each kind. It is made in a copy of the checkout, and its tests run until the first
+failure: those that are likely to notice, then all of the subject. Compiled kernels that it does not reach are kept. It
+is killed by a test that fails, by a process that dies, or by one that takes too long. One that survives lacks a test,
+unless `benchmarks/mutants_equivalent.yaml` says why no test can tell it from the original. Exit code 0: no other
+survives.
 """
 
 from __future__ import annotations
@@ -38,6 +40,11 @@ from mutation_sites import KINDS, Site, sites_of
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCES = {
     "physics": ("rollingjoint/kernels/**/*.py", "rollingjoint/chain/joint_table.py", "rollingjoint/profile.py"),
+    "spatial": (
+        "rollingjoint/kernels/contact*.py",
+        "rollingjoint/kernels/joints.py",
+        "rollingjoint/kernels/spatial_lanes.py",
+    ),
     "environments": (
         "rj_gym/tracking/kernels.py",
         "rj_gym/tracking/measuring.py",
@@ -52,6 +59,10 @@ TESTS = "tests/rollingjoint"
 CHAIN = f"{TESTS}/chain"
 PLANAR = [f"{CHAIN}/test_equilibrium.py", f"{CHAIN}/test_joint_table.py"]
 SPATIAL = [f"{CHAIN}/test_hinge_equilibrium.py", f"{CHAIN}/test_spatial_lanes.py", f"{CHAIN}/test_turns.py"]
+CONTACTS = [
+    f"{TESTS}/kernels/test_contacts.py",
+    *(f"{CHAIN}/test_{name}.py" for name in ("spatial", "spatial_lanes", "spatial_friction")),
+]
 FRICTION = [f"{CHAIN}/test_friction.py", f"{CHAIN}/test_friction_jacobian.py"]
 TRACKING = "tests/rj_gym/tracking"
 EPISODES = [f"{TRACKING}/test_{name}.py" for name in ("hardware", "planar_env", "planar_task", "arm_task")]
@@ -60,6 +71,8 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
     "transmission": [f"{TESTS}/test_transmission.py", *EPISODES],
     "profile.py": [f"{TESTS}/test_profile.py"],
     "joint_table.py": [f"{CHAIN}/test_joint_table.py"],
+    "contact|spatial_lanes": CONTACTS,
+    "kernels/joints.py": [f"{TESTS}/kernels/test_joints.py", *PLANAR, *CONTACTS],
     "torsion": [f"{CHAIN}/test_torsion_spring.py"],
     "hinge|spatial": [*SPATIAL, f"{CHAIN}/test_hinge_friction.py"],
     "rubbed|friction|turns": [*FRICTION, f"{CHAIN}/test_turns.py"],
@@ -72,6 +85,7 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
 }
 SECOND = {  # likewise: all tests of the subject that use the file
     "rj_gym|transmission": ["tests/rj_gym"],
+    "contact|spatial_lanes": [f"{TESTS}/kernels", *SPATIAL, *CONTACTS],
     "": [f"{TESTS}/{name}" for name in ("kernels", "chain", "statics", "test_theory.py")],
 }
 

@@ -20,7 +20,7 @@ def main(argv: list[str] | None = None) -> None:
     rj.set_threads(1)
     chains = {
         "arm of 32 hinges": rj.flexible_arm(),
-        "the same hinges as joints": as_joints(rj.flexible_arm()),
+        "the same hinges as joints": rj.SpatialChain.from_arm(rj.flexible_arm()),
         "32 rolling joints": rj.pitch_yaw_two_segment(16, 16),
         "rolling joints and hinges in turn": mixed(rj.pitch_yaw_two_segment(16, 16)),
         "pitch_yaw_two_segment, 14 joints": rj.pitch_yaw_two_segment(),
@@ -49,24 +49,6 @@ def two_steps(chain: rj.HingeChain | rj.SpatialChain, rows: int) -> tuple[np.nda
     there = rj.solve_tensions_batch(chain, pulls)
     before = rj.solve_tensions_batch(chain, pulls * rng.uniform(1.0, 1.1, pulls.shape))
     return there.lengths - pulls / [tendon.stiffness for tendon in chain.tendons], before.joint_angles
-
-
-def as_joints(arm: rj.HingeChain) -> rj.SpatialChain:
-    """The hinges of an arm as joints of a chain in space, with the arm's tendons."""
-    joints = [
-        rj.PointHinge(bead.axis, (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), bead.stiffness, bead.rest_angle)
-        for bead in arm.beads
-    ]
-    gaps = [arm.beads[0].gap, *(bead.gap for bead in arm.beads)]
-    spacings = [0.0, *(bead.spacing for bead in arm.beads)]
-    tendons = []
-    for tendon in arm.tendons:
-        holes = [
-            ((x, y, 0.5 * gaps[k] - spacings[k]), (x, y, -0.5 * gaps[min(k + 1, arm.n_joints)]))
-            for k, (x, y) in enumerate(tendon.link_holes(arm.n_links))
-        ]
-        tendons.append(rj.SpaceTendon(holes, tendon.end, tendon.stiffness))
-    return rj.SpatialChain(joints, tendons, name="hinges")
 
 
 def mixed(chain: rj.SpatialChain) -> rj.SpatialChain:

@@ -7,15 +7,19 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot
+from matplotlib.colors import LightSource
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import rollingjoint as rj
+from rollingjoint.cad import spatial_bodies, spatial_solid
 from rollingjoint.plotting import plot_arm, save_figure
 from rollingjoint.tables import text_table
 
@@ -35,15 +39,16 @@ def main(argv: list[str] | None = None) -> None:
     counts = {share: {name: failures(with_half_width(share * 3.0), *load) for name, load in LOADS.items()}
               for share in SHARES}  # fmt: skip
     print("\n".join(table(counts)))
-    for name, figure in {"spatial": draw_chains(), "spatial_widths": draw_widths()}.items():
+    pictures = {"spatial": draw_chains(), "spatial_widths": draw_widths(), "cad_space": draw_bodies()}
+    for name, figure in pictures.items():
         print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=80)}")
         pyplot.close(figure)
     print(f"wrote {animate(out / 'spatial.gif')}")
 
 
-def with_half_width(half_width: float) -> rj.SpatialChain:
+def with_half_width(half_width: float, joints: int = 12) -> rj.SpatialChain:
     """The preset pitch_yaw with contact lines of that half width [mm]."""
-    chain = rj.pitch_yaw()
+    chain = rj.pitch_yaw(joints)
     return chain.replace(joints=[replace(joint, half_width=half_width) for joint in chain.joints])
 
 
@@ -91,17 +96,44 @@ def draw_chains() -> pyplot.Figure:
 
 def draw_widths() -> pyplot.Figure:
     """One equilibrium of three chains that differ in the width of their contact lines."""
-    figure = pyplot.figure(figsize=(11, 4.2), layout="constrained")
+    figure = pyplot.figure(figsize=(11, 5.0), layout="constrained")
     for place, share in enumerate((1.0, 0.5, 0.25), start=1):
-        at = rj.solve_tensions(with_half_width(share * 3.0), [6.0, 2.5, 2.0, 2.5], PULL)
+        at = rj.solve_tensions(with_half_width(share * 3.0, 5), [1.7, 2.4, 1.1, 0.7], PULL)
         ax = plot_arm(at, figure.add_subplot(1, 3, place, projection="3d"), tendons=False)
         ax.set_title(
             f"half width {share:g} × radius of the holes\nleast tilting margin {at.tilting_margins.min():.1f} N"
         )
         ax.view_init(18, -60)
-        ax.set_box_aspect(None, zoom=0.9)
     share_legend(figure)
     return figure
+
+
+def draw_bodies() -> pyplot.Figure:
+    """One link of pitch_yaw as its STL file has it, and the first links bent by their tendons."""
+    bent = rj.solve_tensions(rj.pitch_yaw(5), [2.0, 2.5, 3.0, 2.0])
+    solids = [spatial_solid(body, link) for link, body in enumerate(spatial_bodies(bent.mechanism))]
+    placed = [solid.copy().apply_transform(pose) for solid, pose in zip(solids, bent.poses, strict=True)]
+    figure = pyplot.figure(figsize=(10, 4.6), layout="constrained")
+    for place, (title, drawn) in enumerate({"link 1": solids[1:2], "bent by its tendons": placed}.items(), start=1):
+        ax = figure.add_subplot(1, 2, place, projection="3d")
+        ax.view_init(24, -60)
+        triangles = np.concatenate([front_of(solid) for solid in drawn])
+        light = LightSource(azdeg=200, altdeg=50)
+        ax.add_collection3d(Poly3DCollection(triangles, facecolors="#a9b8cf", shade=True, lightsource=light,
+                                             antialiaseds=False))  # fmt: skip
+        ax.auto_scale_xyz(*triangles.reshape(-1, 3).T)
+        ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", title=title)
+        ax.set_aspect("equal")
+        ax.set_box_aspect(None, zoom=0.85)
+    return figure
+
+
+def front_of(solid: Any) -> np.ndarray:
+    """The triangles that face the camera, in small pieces that matplotlib can sort, (k, 3, 3)."""
+    pieces = solid.subdivide_to_size(0.6)
+    elevation, azimuth = np.radians([24.0, -60.0])
+    camera = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    return np.asarray(pieces.triangles[pieces.face_normals @ camera > 0.0])
 
 
 def share_legend(figure: pyplot.Figure) -> None:
@@ -109,9 +141,10 @@ def share_legend(figure: pyplot.Figure) -> None:
     handles = {}
     for ax in figure.axes:
         lines, texts = ax.get_legend_handles_labels()
-        handles |= {text: line for line, text in zip(lines, texts, strict=True) if not text.startswith("tendon")}
+        shown = zip(lines, (text.split(":")[0] for text in texts), strict=True)
+        handles |= {text: line for line, text in shown if not text.startswith("tendon")}
         ax.get_legend().remove()
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), fontsize="small")
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, fontsize="small")
 
 
 def animate(path: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import wraps
 from types import ModuleType
 from typing import Any, NoReturn
 
@@ -10,6 +11,7 @@ from rj_gym import registry, rendering, tracking
 from rj_gym.core import arguments, info
 from rj_gym.tracking import (
     arm,
+    arrays,
     config,
     draws,
     env,
@@ -36,6 +38,20 @@ class FormerEnvironment:
         raise InvalidInput("pickle of an environment", "one of an earlier version", "one of this version", hint)
 
 
+def _refuse_other_fields(arrays_class: Any) -> None:
+    """Have pickles refused in which this NamedTuple has another number of fields."""
+    make = arrays_class.__new__
+
+    @wraps(make)
+    def checked(cls: type, *values: Any, **named: Any) -> Any:
+        complete = len(values) + len(named) == len(arrays_class._fields)
+        return make(cls, *values, **named) if complete else FormerEnvironment(*values)
+
+    arrays_class.__new__ = checked
+
+
+for _class in (arrays.HardwareRules, arrays.Rules, arrays.Hardware):  # in every environment, unpickled first
+    _refuse_other_fields(_class)
 _episodes: Any = ModuleType("former episodes")
 _info: Any = info
 _episodes.PlanarEpisodeBuffer = _episodes.ArmEpisodeBuffer = _info.Places = FormerEnvironment

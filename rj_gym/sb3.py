@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from rj_gym.core.info import every_lane
 from rollingjoint.errors import InvalidInput, naming_extras
@@ -14,25 +14,26 @@ from rollingjoint.errors import InvalidInput, naming_extras
 with naming_extras():
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-if TYPE_CHECKING:
-    from rj_gym.core.vector import TaskVectorEnv
-
 
 class SB3VecEnv(VecEnv):
     """A native vector environment as Stable-Baselines3 wants it.
 
     Ended lanes restart in the same step; their info is the whole last info, with `terminal_observation` and
-    `TimeLimit.truncated`. The other lanes' infos are empty.
+    `TimeLimit.truncated`. The other lanes' infos are empty. Attributes and methods come from the outermost wrapper
+    that has them.
 
     Args:
-        env: a native vector environment with same-step autoreset.
+        env: a native vector environment with same-step autoreset, or wrappers of Gymnasium around one. Gymnasium itself
+            refuses its wrappers of observations there; wrappers of SB3, such as VecNormalize, go around this.
     Raises:
         InvalidInput: another autoreset mode.
     """
 
-    def __init__(self, env: TaskVectorEnv) -> None:
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
-            raise InvalidInput("autoreset_mode", env.autoreset_mode, "AutoresetMode.SAME_STEP, which SB3 expects")
+    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        mode = env.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise InvalidInput("autoreset_mode", mode, "AutoresetMode.SAME_STEP, which SB3 expects")
+        self._layers = list(_layers(env))
         self.env = env
         self.render_mode = env.render_mode
         self._actions = np.zeros(env.action_space.shape or 0)
@@ -40,10 +41,8 @@ class SB3VecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         """First observations of all lanes; seeds and options set by `seed` and `set_options` are used once."""
-        options = self._options[0] or None
-        if any(lane_options != self._options[0] for lane_options in self._options):
-            raise InvalidInput("options", self._options, "the same options for every lane")
-        observations, infos = self.env.reset(seed=self._seeds, options=options)
+        options = {"lanes": self._options} if any(self._options) else None
+        observations, infos = self.env.reset(seed=self._seeds, options=options)  # type: ignore[arg-type]
         self.reset_infos = every_lane(infos, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
@@ -74,24 +73,37 @@ class SB3VecEnv(VecEnv):
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Pictures of the lanes that the environment draws."""
-        return self.env.render() or []
+        pictures: Any = self.env.render()
+        return pictures or []
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of the environment, once per lane."""
-        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+        return [getattr(self._having(attr_name), attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the environment, which all lanes share."""
-        setattr(self.env, attr_name, value)
+        setattr(self._having(attr_name), attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Call a method of the environment once; its result for every lane (hindsight relabelling: compute_reward)."""
-        result = getattr(self.env, method_name)(*args, **kwargs)
+        result = getattr(self._having(method_name), method_name)(*args, **kwargs)
         return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Lanes are not wrapped."""
         return [False] * len(list(self._get_indices(indices)))
+
+    def _having(self, name: str) -> Any:
+        """The outermost layer with an attribute; the environment itself where none has it."""
+        return next((layer for layer in self._layers if hasattr(layer, name)), self._layers[-1])
+
+
+def _layers(env: VectorEnv[Any, Any, Any]) -> Iterator[VectorEnv[Any, Any, Any]]:
+    """An environment's wrappers, the outermost first, and the environment within."""
+    while isinstance(env, VectorWrapper):
+        yield env
+        env = env.env
+    yield env
 
 
 def make_sb3_env(env_id: str, num_envs: int, **arguments: Any) -> SB3VecEnv:
@@ -106,4 +118,4 @@ def make_sb3_env(env_id: str, num_envs: int, **arguments: Any) -> SB3VecEnv:
     env = gymnasium.make_vec(
         env_id, num_envs, "vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP, **arguments
     )
-    return SB3VecEnv(env)  # type: ignore[arg-type]
+    return SB3VecEnv(env)

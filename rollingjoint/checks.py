@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput
 
 Error = type[InvalidInput]
+Triple = tuple[float, float, float]
+"""Three coordinates in space."""
 
 _LARGEST = sys.float_info.max
 _FLOATS = np.dtype(float)
@@ -66,6 +68,11 @@ def as_number(
 def as_positive(what: str, value: object, allowed: str, error: Error = InvalidInput) -> float:
     """The value as a float; `error` unless it is a finite number above 0."""
     return as_number(what, value, math.ulp(0.0), allowed=allowed, error=error)
+
+
+def as_friction(value: object) -> float:
+    """The value as a float; InvalidInput unless it is a coefficient of friction, 0 or more."""
+    return as_number("friction", value, 0.0, allowed="a coefficient, 0 or more")
 
 
 def as_integer(

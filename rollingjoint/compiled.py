@@ -26,7 +26,7 @@ Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission
     sheath_direction, sheath_ratio: the friction of a sheath.
     limited_tension, at_limit: the limits of tension of a motor.
     pull_limit, pull_end: a motor with a limit of the tension before its sheath.
-    FREE: how near to its command a tendon is at no limit [mm].
+    FREE: how near to its command a tendon is at no limit [mm]. NARROW: half the width of a play that is none [mm].
     unstretched_length, motor_yield: positions of a tendon and its motor after a limit.
 Solvers:
     BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
@@ -70,6 +70,7 @@ from rollingjoint.kernels.rolling import BatchArrays, PinnedBatch
 from rollingjoint.threads import run_in_threads, runs_at_once
 from rollingjoint.transmission.kernels import (
     FREE,
+    NARROW,
     at_limit,
     limited_tension,
     motor_yield,
@@ -88,6 +89,7 @@ __all__ = [
     "CONSTANT",
     "FREE",
     "MU",
+    "NARROW",
     "N_COEFFICIENTS",
     "PENDING",
     "PRESLIDING",

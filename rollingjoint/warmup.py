@@ -248,7 +248,7 @@ def planar_batches() -> None:
     assert solve_lengths_batch(chain, [chain.neutral_lengths - 0.5] * 2).joint_angles.size
 
 
-def planar_special_cases() -> None:
+def general_planar_solver() -> None:
     """Solve a long chain, as chains with slack tendons are solved."""
     long = uniform(40)
     assert solve_tensions(long, np.ones(long.n_tendons)).stiffness.size
@@ -259,7 +259,7 @@ def planar_friction() -> None:
     assert _step_with_friction(five_link()).size
 
 
-def planar_friction_special_cases() -> None:
+def general_planar_solver_with_friction() -> None:
     """Take a step of a long chain with friction."""
     assert _step_with_friction(uniform(40)).size
 
@@ -287,7 +287,7 @@ def arm_batches() -> None:
     assert solve_lengths_batch(arm, [arm.neutral_lengths - 0.1] * 2).joint_angles.size
 
 
-def arm_special_cases() -> None:
+def general_arm_solver() -> None:
     """Solve an arm with linear tendons, as arms that buckle are solved."""
     arm = small_arm().replace(model="linear")
     assert solve_tensions(arm, np.ones(arm.n_tendons)).joint_angles.size
@@ -298,7 +298,7 @@ def arm_friction() -> None:
     assert _step_with_friction(small_arm()).size
 
 
-def arm_friction_special_cases() -> None:
+def general_arm_solver_with_friction() -> None:
     """Take a step of a long arm with friction."""
     assert _step_with_friction(small_arm(40)).size
 
@@ -324,14 +324,14 @@ def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
 
 # The longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
-    Group("the arm's general solver with friction", arm_friction_special_cases, family="arm"),
+    Group("the arm's general solver with friction", general_arm_solver_with_friction, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
-    Group("the general planar solver", planar_special_cases, family="planar"),
-    Group("the general planar solver with friction", planar_friction_special_cases, family="planar"),
+    Group("the general planar solver", general_planar_solver, family="planar"),
+    Group("the general planar solver with friction", general_planar_solver_with_friction, family="planar"),
     Group("the planar solver with friction", planar_friction, family="planar"),
     Group("the planar solver", planar_solver, family="planar"),
     Group("the planar solver of batches", planar_batches, family="planar"),
-    Group("the arm's general solver", arm_special_cases, family="arm"),
+    Group("the arm's general solver", general_arm_solver, family="arm"),
     Group("the arm's solver of single chains", arm_solver, family="arm"),
     Group("the arm's solver", arm_batches, family="arm"),
     Group("the solver of chains in space with friction", spatial_friction, family="space"),

@@ -257,6 +257,36 @@ def test_every_opponent_of_a_world_is_timed(capsys):
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
+@pytest.mark.slow
+def test_every_controller_with_a_time_and_an_error_is_in_the_picture(tmp_path, capsys):
+    import computation
+
+    path = tmp_path / "picture.png"
+    computation.main(["--worlds", "SlowCamera", "--lanes", "2", "--rounds", "1", "--picture", str(path)])
+    rows = capsys.readouterr().out.splitlines()[2:]
+    names = [*computation.tuned_controllers("rj_gym/SlowCamera-v0"), computation.LEARNER]
+    assert [row.split(" | ")[1] for row in rows] == names
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_has_a_panel_per_world_and_every_name_once_in_its_legend():
+    import computation
+
+    point = computation.Point(3.0, computation.Interval(0.5, 0.4, 0.7))
+    figure = computation.figure_with({"one": {"open loop": point}, "other": {"open loop": point, "policy": point}})
+    assert [axes.get_title() for axes in figure.axes] == ["one", "other"]
+    assert [text.get_text() for text in figure.legends[0].texts] == ["open loop", "policy"]
+
+
+def test_episodes_that_fail_are_counted_beside_those_of_privileged_feedback(capsys):
+    import opponents
+
+    opponents.main(["rj_gym/LatePose-v0", "--episodes", "20", "--controllers", "open loop"])
+    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0] for row in rows] == ["privileged", "open"] and [row[-2:] for row in rows[:1]] == [["0", "0"]]
+    assert float(rows[1][2]) > float(rows[0][2]) and int(rows[1][-2]) >= int(rows[1][-1]) > 0
+
+
 def test_at_the_limit_of_the_world_episodes_of_other_limits_are_those_of_the_tables():
     import tension_limit
 
@@ -289,7 +319,7 @@ def test_another_limit_of_tension_moves_where_motors_give_way_and_no_unit():
 
 
 @pytest.mark.slow
-def test_the_table_of_other_limits_has_a_row_per_world_and_limit(capsys):
+def test_the_table_of_other_limits_has_a_row_per_world_and_limit(tmp_path, capsys):
     import tension_limit
 
     tension_limit.main(["--episodes", "4", "--newtons", "15", "30"])
@@ -297,10 +327,12 @@ def test_the_table_of_other_limits_has_a_row_per_world_and_limit(capsys):
     worlds = ("Instrument", "InstrumentShift")
     assert [row[:2] for row in rows] == [[world, limit] for world in worlds for limit in ("15", "30")]
     assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[2:5])
-    tension_limit.main(["--episodes", "4", "--newtons", "15", "--version", "1", "--worlds", "Instrument"])
+    later = ["--episodes", "4", "--newtons", "15", "--version", "1", "--worlds", "Instrument"]
+    tension_limit.main([*later, "--picture", str(tmp_path / "limits.png")])
+    assert (tmp_path / "limits.png").read_bytes().startswith(b"\x89PNG")
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in capsys.readouterr().out.splitlines()[2:]]
     assert [row[1] for row in rows] == ["15", "drawn"]
-    assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[3:5])
+    assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[3:6])
 
 
 @pytest.mark.slow  # alone it loads torch, compiled solvers and the search
@@ -371,3 +403,11 @@ def test_gaps_through_vectors_are_those_that_are_written_out(monkeypatch, capsys
     monkeypatch.setattr(vectors, "ROUNDS", 100)
     vectors.main()
     assert capsys.readouterr().out.endswith("equal to the last bit: yes\n")
+
+
+def test_kernels_own_source_gives_what_is_written_for_tensors():
+    import one_source
+
+    case = one_source.Case(7)
+    for one, other in zip(case.shared_by(one_source.SharedSource()), case.written_for_tensors(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)

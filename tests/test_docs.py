@@ -13,7 +13,8 @@ from rollingjoint import Status, __version__
 
 ROOT = Path(__file__).parent.parent
 PAGES = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md"))}
-LINKED = {page: (ROOT / page).read_text("utf-8") for page in ("README.md", "CONTRIBUTING.md")} | PAGES
+ROOT_PAGES = ("README.md", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "SECURITY.md")
+LINKED = {page: (ROOT / page).read_text("utf-8") for page in ROOT_PAGES} | PAGES
 ARCHITECTURE, CONVERGENCE = PAGES["docs/architecture.md"], PAGES["docs/convergence.md"]
 
 PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)

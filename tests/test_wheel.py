@@ -15,12 +15,13 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 COMMANDS = PROJECT["entry-points"]["rollingjoint.commands"]
-SOURCES = ("rollingjoint", "rj_gym", "agents", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+SOURCES = ("rollingjoint", "rj_gym", "agents", "configs", "pyproject.toml", "setup.py", "README.md", "LICENSE")
 USED = """
 import sys
 from rollingjoint.cli import main
 assert sys.path[0] == ""  # as with python -m
-assert main(["train", "--config", "run.yaml", "--run-dir", "run"]) == 0
+assert main(["train", "apg_instrument", "--write", "mine.yaml"]) == 0  # a configuration of the wheel
+assert main(["train", "run.yaml", "--run-dir", "run"]) == 0
 assert main(["evaluate", "run", "--episodes", "2"]) == 0
 assert "agents" not in sys.modules
 """
@@ -81,4 +82,4 @@ def test_the_wheel_works_in_an_empty_folder_beside_other_packages_called_agents(
     )
     assert used.returncode == 0, used.stderr
     assert "Next: rj evaluate run" in used.stdout
-    assert (tmp_path / "empty/run/command.txt").read_text().startswith("rj train --config")
+    assert (tmp_path / "empty/run/command.txt").read_text().startswith("rj train run.yaml")

@@ -74,7 +74,7 @@ def _policy(name: str, policy: ShippedPolicy) -> InstrumentController:
 def _sight(name: str, env: EnvConfig) -> dict[str, Any]:
     """The settings with which Instrument-v0 has the observation of that policy's own environment."""
     allowed = f"a policy that sees what {WORLD} shows"
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         raise ConfigError("--controller", name, allowed, f"It was trained in {env.id}.")
     settings: TaskConfig = env.arguments()["config"]
     sight = {"observe_history": settings.observe_history}

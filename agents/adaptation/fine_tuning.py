@@ -70,7 +70,7 @@ def fine_tuned(
     optimizer = torch.optim.Adam(actor.parameters(), plan.learning_rate)
     falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.1, max(plan.updates, 1))
     for _ in range(plan.updates):
-        played = episodes.play(actor.step)
+        played = episodes.play(actor)
         assert played is not None
         say(_update(actor, optimizer, loss_of(played, plan), plan.max_grad_norm))
         falling.step()

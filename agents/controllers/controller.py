@@ -9,7 +9,9 @@ from functools import cached_property, wraps
 from inspect import signature
 from typing import Any
 
+import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from agents.runs.consent import imported
@@ -22,6 +24,7 @@ from rollingjoint.transmission import elastic_tension
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+AnyEnv = gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]
 HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 
 
@@ -62,14 +65,32 @@ class Controller(ABC):
                 goals or shows the true state.
         """
 
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Bind the task, and begin this many episodes together."""
-        self.bind(task)
-        self.reset(np.ones(episodes, bool))
+    def begin(self, task: TrackingTask | AnyEnv | None, episodes: int | None = None) -> None:
+        """Bind the task, and begin this many episodes together.
+
+        Args:
+            task: or an environment, scalar or vector, whose task it is; None for one that is not of rj_gym.
+            episodes: None means one, or one for each copy in a vector environment.
+        Raises:
+            InvalidInput: no task and no environment.
+        """
+        self.bind(_task_of(task))
+        copies: int = getattr(task, "num_envs", 1)
+        self.reset(np.ones(copies if episodes is None else episodes, bool))
 
     def read(self, observations: Any) -> Reading:
         """The observations in mm, rad and N."""
         return observations if isinstance(observations, Reading) else Reading(observations, self.task)
+
+
+def _task_of(given: TrackingTask | AnyEnv | None) -> TrackingTask | None:
+    """The task that is given, or that of an environment of rj_gym; None for an environment of another package."""
+    if isinstance(given, gymnasium.Env | VectorEnv):
+        task = getattr(given.unwrapped, "task", None)
+        return task if isinstance(task, TrackingTask) else None
+    if given is None or isinstance(given, TrackingTask):
+        return given
+    raise InvalidInput("task", given, "a tracking task, env.unwrapped.task, or the environment itself")
 
 
 def _given_readings(act: Callable[[Any, Any], NDArray[Any]]) -> Callable[[Any, Any], NDArray[Any]]:

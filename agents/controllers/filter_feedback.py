@@ -127,16 +127,21 @@ class FilterFeedback(Controller):
 
     def motor_moves(self, reading: Reading, estimate: Estimate) -> Array:
         """Moves of the motors towards the target, (B, m) [mm]."""
-        settings, target = self.settings.feedback, reading.target
-        way = settings.gain * (target - estimate.tip) + self.motion.since_last(target)
-        goals = self.wanted(estimate)
+        settings, goals = self.settings.feedback, self.wanted(estimate)
         weights = settings.stiffen, settings.damping, settings.far, KEEP
         model = estimate.tip_by_command, estimate.tensions_by_command, estimate.tensions
         tendons, motors = np.empty_like(goals), np.empty_like(goals)
-        damped_increments(*model, way, goals, *self.limits, self.task.config.action_scale_mm, *weights, tendons)
+        low, high = (np.ascontiguousarray(np.broadcast_to(limit, goals.shape)) for limit in self.limits)
+        way, reach = self.way(reading, estimate), self.task.config.action_scale_mm
+        damped_increments(*model, way, goals, low, high, reach, *weights, tendons)
         play = estimate.played, reading.commands, estimate.half_widths
         cross_play(tendons, *play, settings.dead_band_mm, settings.crossing, motors)
         return motors
+
+    def way(self, reading: Reading, estimate: Estimate) -> Array:
+        """The way that the tip should go in this step, (B, d) [mm]."""
+        target = reading.target
+        return self.settings.feedback.gain * (target - estimate.tip) + self.motion.since_last(target)
 
     def wanted(self, estimate: Estimate) -> Array:
         """Wanted tensions, (B, m) [N]: all raised equally, until the highest is at its limit where that stiffens.

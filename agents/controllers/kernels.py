@@ -33,7 +33,7 @@ def damped_increments(tips, tensions, now, way, goals, low, high, limit, stiffen
 
     Args:
         tips, tensions: derivatives by increments, (B, d, m) [mm/mm], (B, m, m) [N/mm].
-        now, goals: tensions, (B, m) [N]. low, high: their limits [N].
+        now, goals: tensions, (B, m) [N]. low, high: their limits, (B, m) [N].
         way: (B, d) [mm] that the tip should go.
         stiffen, damping, far, keep: weights as of FeedbackSettings.
     """
@@ -65,7 +65,7 @@ def damped_increments(tips, tensions, now, way, goals, low, high, limit, stiffen
                 after = now[b, j]
                 for i in range(m):
                     after += tensions[b, j, i] * moves[b, i]
-                clipped = min(max(after, low), high)
+                clipped = min(max(after, low[b, j]), high[b, j])
                 if after != clipped:
                     weights[j], changes[j] = keep**2, clipped - now[b, j]
 

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from agents.controllers import untuned_controllers
 from agents.controllers.controller import Array, Controller, Mask, as_controller, plain, saturated
-from agents.controllers.tuned import WORLDS, tuned_controllers
+from agents.controllers.tuned import WORLDS, hint, tuned_controllers, world_of
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError, RollingJointError
 
 
@@ -53,20 +52,20 @@ class BaseController(Controller):
         return np.concatenate(parts, axis=1)
 
 
-def controllers_in(env_id: str) -> dict[str, Controller]:
-    """New controllers by name that can act in this environment without training: untuned and tuned ones."""
-    return untuned_controllers() | (tuned_controllers(env_id) if env_id in WORLDS else {})
+def controllers_in(world: str) -> dict[str, Controller]:
+    """New controllers by name that can act in this world without training: untuned and tuned ones."""
+    return untuned_controllers() | (tuned_controllers(world) if world in WORLDS else {})
 
 
-def base_controller(name: str, env_id: str, key: str = "residual") -> BaseController:
-    """A new one of the controller that has this name in this environment.
+def base_controller(name: str, world: str, key: str = "residual") -> BaseController:
+    """A new one of the controller that has this name in this world, as agents.controllers.tuned.world_of names it.
 
     Raises:
         ConfigError: no such controller; `key` is its name in the message.
     """
-    controllers = controllers_in(env_id)
+    controllers = controllers_in(world)
     if name not in controllers:
-        raise ConfigError(key, name, f"null, or one of {', '.join(controllers)}", suggestion(name, list(controllers)))
+        raise ConfigError(key, name, f"null, or one of {', '.join(controllers)}", hint(name, controllers))
     return BaseController(controllers[name])
 
 
@@ -77,7 +76,7 @@ def output_size(name: str, env: EnvConfig, key: str = "residual") -> int:
         ConfigError: no such controller, or one that cannot act on these observations; `key` is its name in the
             message.
     """
-    base, envs = base_controller(name, env.id, key), cast(Any, make_vector_env(env, 1))
+    base, envs = base_controller(name, world_of(env), key), cast(Any, make_vector_env(env, 1))
     try:
         base.begin(envs.task, 1)
         return base.outputs(envs.reset(seed=0)[0]).shape[1]
@@ -127,4 +126,4 @@ def controller_of(config: TrainConfig, policy: Controller) -> Controller:
     """The policy of a run as the controller that it is: alone, or on top of another controller."""
     if config.residual is None:
         return policy
-    return ResidualPolicy(base_controller(config.residual, config.env.id), policy)
+    return ResidualPolicy(base_controller(config.residual, world_of(config.env)), policy)

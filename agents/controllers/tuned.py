@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,14 @@ from agents.controllers.search_space import Choice, LogUniform, Settings, Space,
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import FeedbackSettings
+from agents.runs.environment import EnvConfig
 from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
-from rollingjoint.checks import as_choice
+from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import ConfigError
 
 TUNED = Path(__file__).with_name("tuned.yaml")
+BLIND = " blind"  # behind an id: its world where settings hide the tip, which its defaults show
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,14 @@ def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, pr
     return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
 
 
+_FALL_BACK = {
+    "rj_gym/Instrument-v0": "probing bank",
+    "rj_gym/InstrumentShift-v0": "probing bank",
+    "rj_gym/SlowCamera-v0": "bank of filters",
+    "rj_gym/LatePose-v0": "bank of filters",
+}
+"""The banks that smoothers fall back on, by world."""
+
 _SMOOTHER: Space = {
     "tension_sd": LogUniform(0.08, 0.3),
     "tension_share": LogUniform(0.001, 0.05),
@@ -126,13 +136,13 @@ _SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_
 
 def _smoother(env_id: str) -> Tunable:
     space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
-    return Tunable(_smoother_in(env_id, "probing bank"), space)
+    return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space)
 
 
 def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
     smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
     space = _below("smoother", smoother) | _below("feedback", _STEERING | (_SURE if play else {}))
-    return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
+    return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space, {"smoother": {"searches": 3}})
 
 
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
@@ -155,6 +165,20 @@ _ARM: Space = _of_filters(many=False) | {
 }
 _FEW: Space = {"filter.hypotheses": Choice([4, 8])}  # a filter of an arm takes 0.14 ms per step
 _SHORT_PROBE: Space = {"probe.sweep_mm": Choice([1.0, 2.0, 3.0]), "probe.pattern": Choice(["apart", "together"])}
+_BLIND_TUBE_SPACE: Space = _of_filters(many=False) | {
+    "filter.force_walk": LogUniform(0.0003, 0.1),
+    "filter.start_sd_mm": LogUniform(0.01, 1.0),
+    "filter.offset_walk_mm": LogUniform(0.001, 0.1),
+    "feedback.damping": LogUniform(0.1, 5.0),
+    "feedback.far": LogUniform(0.001, 0.1),
+    "feedback.dead_band_mm": LogUniform(0.005, 0.2),
+}
+_SHORTER_PROBE: Space = {"probe.sweep_mm": Choice([0.5, 1.0, 1.5]), "probe.pattern": Choice(["apart", "together"])}
+_BLIND_TUBE = {
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
+    "kalman filter": Tunable(_filter, _BLIND_TUBE_SPACE, _ONE),
+    "probing filter": Tunable(_filter, _BLIND_TUBE_SPACE | _SHORTER_PROBE, _ONE),
+}
 _BLIND_ARM = {
     "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
     "kalman filter": Tunable(_filter, _ARM, _ONE),
@@ -206,46 +230,69 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM | {"smoother": _OF_ARMS},
+    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
-WORLDS = {
-    **_FIRST,
-    **{env_id: _FIRST[first] for env_id, first in _LATER.items()},
-    "rj_gym/ArmInstrument-v1": _BLIND_ARM,  # the smoother of arms knows no errors of load cells
-}
-"""By the id of an environment: its controllers by name."""
+
+def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
+    """The controllers of a later version: its smoother falls back on the bank with the settings of this version.
+
+    The smoother of arms knows no errors of load cells.
+    """
+    controllers = {name: each for name, each in _FIRST[first].items() if each is not _OF_ARMS}
+    if first in _FALL_BACK:
+        controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
+    return controllers
 
 
-def tuned_controllers(env_id: str) -> dict[str, Controller]:
+WORLDS = {**_FIRST, **{env_id: _later(env_id, first) for env_id, first in _LATER.items()}}
+"""By the name of a world, as of world_of: its controllers by name."""
+
+
+def world_of(env: EnvConfig) -> str:
+    """The name of an environment's world: its id, with BLIND behind it where only its settings hide pose and tip."""
+    if not env.is_tracking:
+        return env.id
+    hidden, hidden_by_default = (each.arguments()["config"].sensing.pose == "none" for each in (env, EnvConfig(env.id)))
+    return f"{env.id}{BLIND}" if hidden and not hidden_by_default else env.id
+
+
+def tuned_controllers(world: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name, as in tuned.yaml.
 
-    A later version of a world has the settings that were tuned in its first until it has some there.
+    A controller has in a later version of a world the settings that were tuned in its first until it has its own there.
 
     Raises:
         ConfigError: a world without any.
     """
-    world = tunable_in(env_id)
-    return {name: world[name].make(record["settings"]) for name, record in _tuned()[env_id].items()}
+    tunable = tunable_in(world)
+    return {name: tunable[name].make(record["settings"]) for name, record in _tuned()[world].items()}
 
 
-def tuned_settings(env_id: str, name: str) -> Settings:
+def tuned_settings(world: str, name: str) -> Settings:
     """The tuned settings of a controller; raises ConfigError where there is none of this name."""
-    controllers = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    controllers = _tuned()[as_choice("world", world, list(WORLDS), error=ConfigError)]
     settings: Settings = controllers[as_choice("controller", name, list(controllers), error=ConfigError)]["settings"]
     return settings
 
 
-def tunable_in(env_id: str) -> Mapping[str, Tunable]:
+def tunable_in(world: str) -> Mapping[str, Tunable]:
     """The controllers that are tuned for a world; raises ConfigError where there are none."""
-    return WORLDS[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    return WORLDS[as_choice("world", world, list(WORLDS), error=ConfigError)]
+
+
+def hint(name: str, names: Iterable[str]) -> str:
+    """A hint for a name that is none of these: the worlds that a controller of this name drives, or a similar one."""
+    worlds = [env_id for env_id, controllers in WORLDS.items() if name in controllers]
+    return f"It drives {', '.join(worlds)}." if worlds else suggestion(name, list(names))
 
 
 @cache
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
-    kept = {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
-    return {env_id: {name: kept[env_id][name] for name in kept[env_id] if name in WORLDS[env_id]} for env_id in kept}
+    kept = {world: content.get(_LATER.get(world), {}) | content.get(world, {}) for world in WORLDS}
+    return {world: {name: kept[world][name] for name in kept[world] if name in WORLDS[world]} for world in WORLDS}
 
 
 opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

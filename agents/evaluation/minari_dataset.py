@@ -96,7 +96,7 @@ def write_dataset(
         RunFolderError: a dataset or folder that is there already.
     """
     total = as_integer("steps", steps, 1, 10**9, error=ConfigError)
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         raise ConfigError("environment", env.id, "a tracking environment of rj_gym")
     length = env.episode_steps or 1
     _check_seeds(seed, -(-total // length))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
+from time import process_time
 from typing import Any, cast
 
 import numpy as np
@@ -31,6 +32,8 @@ class Episodes:
             [mm]. None where the task is not tracking.
         reward_terms: sum of every term of the reward over the episode, (E,), by name; of ids that rj_gym has not
             registered, where they report them.
+        action_us: processor time of the controller per action, episodes side by side; of blocks the shortest, since the
+            first may compile [µs].
     """
 
     seeds: NDArray[np.int64]
@@ -41,6 +44,7 @@ class Episodes:
     link: NDArray[np.int64] | None = None
     targets: Array | None = None
     reward_terms: Mapping[str, Array] = field(default_factory=dict)
+    action_us: float = 0.0
 
     def __len__(self) -> int:
         return len(self.seeds)
@@ -112,11 +116,14 @@ def _side_by_side(
     drawn = info.get("sampled", {}) if task and not options else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
     terms: dict[str, Array] = {}
-    running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
+    running, early, seconds = np.ones(len(seeds), bool), np.zeros(len(seeds), bool), 0.0
     while running.any():
         if watch:
             watch(envs)
-        observation, reward, terminated, truncated, info = envs.step(controller.act(observation))
+        begun = process_time()
+        actions = controller.act(observation)
+        seconds += process_time() - begun
+        observation, reward, terminated, truncated, info = envs.step(actions)
         errors.append(np.where(running, tip_errors(info), errors[-1]))
         rewards += np.where(running, reward, 0.0)
         for name, values in ({} if env.is_built_in else _reward_terms(info)).items():
@@ -127,7 +134,8 @@ def _side_by_side(
         watch(envs)
     envs.close()
     loads, link, targets = (drawn.get(name) for name in ("forces", "link", "targets"))
-    return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, loads, link, targets, terms)
+    errors_over_time, action_us = np.stack(errors, axis=1), 1e6 * seconds / max(len(seeds) * (len(errors) - 1), 1)
+    return Episodes(np.array(seeds), errors_over_time, rewards, early, loads, link, targets, terms, action_us)
 
 
 def _reward_terms(info: Mapping[str, Any]) -> dict[str, Array]:
@@ -170,4 +178,5 @@ def joined(blocks: Sequence[Episodes]) -> Episodes:
         together("link"),
         together("targets"),
         {name: np.concatenate([block.reward_terms[name] for block in blocks]) for name in blocks[0].reward_terms},
+        min(block.action_us for block in blocks),
     )

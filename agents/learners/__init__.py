@@ -12,6 +12,7 @@ Modules:
     muon: an optimiser for matrices.
     observing: how observations answer motors, tensions and tip.
     policy: actors as Stable-Baselines3 keeps policies.
-    recurrent: a policy with memory as a torch module.
+    recurrent: a policy with memory as a torch module, and its gradients over episodes.
+    tape: records of an actor's steps, for their gradients.
     true_state: feedback on the true state.
 """

@@ -140,5 +140,5 @@ class _LessonsFirst:
     own: EpisodePlayer
     has_lessons: Callable[[], bool]
 
-    def play(self, act: Any, watch: Any) -> Any:
-        return (self.taught if self.has_lessons() else self.own).play(act, watch)
+    def play(self, actor: Any, watch: Any) -> Any:
+        return (self.taught if self.has_lessons() else self.own).play(actor, watch)

@@ -10,11 +10,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.learners.episodes import Act, Normalise
+from agents.learners.episodes import CLIP, Normalise
+from agents.learners.tape import Taped
 from agents.learners.true_state import TrueState, TrueStateFeedback
 from rj_gym.core.vector import TaskVectorEnv
-
-CLIP = 10.0  # of normalised observations
 
 
 class Acting(Protocol):
@@ -64,7 +63,7 @@ class TaughtEpisodes:
         self.teacher: Acting = teacher or TrueStateFeedback(env.task)
 
     @torch.no_grad()
-    def play(self, act: Act, watch: Callable[[Any], bool] = lambda step: True) -> Demonstrations | None:
+    def play(self, actor: Taped, watch: Callable[[Any], bool] = lambda step: True) -> Demonstrations | None:
         """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so.
 
         Which lanes the teacher drives is drawn by torch.
@@ -72,12 +71,13 @@ class TaughtEpisodes:
         env, (observation, info) = self.env, self.env.reset()
         self.teacher.reset(np.ones(env.num_envs, bool))
         taught = torch.rand(env.num_envs).numpy()[:, None] < self.share()
-        memory, alive = None, np.ones(env.num_envs, bool)
+        steps, alive = env.task.config.episode_steps, np.ones(env.num_envs, bool)
+        tape = actor.tape(steps, env.num_envs)
         observations, actions, running = [], [], []
-        for _ in range(env.task.config.episode_steps):
+        for _ in range(steps):
             state = TrueState(env.tangent(), info["target"]) if self.teacher.privileged else observation
             right = np.asarray(self.teacher.act(state), np.float32)
-            answer, memory = act(normalised(observation, *self.normalise(observation)), memory)
+            answer = tape.step(normalised(observation, *self.normalise(observation)))
             observations.append(observation.copy())
             actions.append(right)
             running.append(alive.copy())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.learners.gain import GainHead
+from agents.learners.tape import StepTape
 from rj_gym.core.task import ObservedError
 
 
@@ -47,6 +48,10 @@ class FeedForwardActor(nn.Module):
     def step(self, x: torch.Tensor, memory: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """The same of one step: actions before clipping (B, m) and memory (B, 0), for x (B, entries)."""
         return self(x)
+
+    def tape(self, steps: int, lanes: int) -> StepTape:
+        """A record of steps of episodes, which begin now, for their gradients."""
+        return StepTape(self)
 
     def predict(
         self, observation: NDArray[Any], state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -26,7 +26,7 @@ from rollingjoint.errors import ConfigError
 class EpisodePlayer(Protocol):
     """A player of the episodes of a rollout."""
 
-    def play(self, act: Any, watch: Any) -> Any:
+    def play(self, actor: Any, watch: Any) -> Any:
         """New episodes to their end, as a learner learns from them; None where `watch` has ended training."""
 
 

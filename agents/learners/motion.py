@@ -1,7 +1,8 @@
-"""One step of motors, tendons, tensions and tip, as a node with a derivative written by hand.
+"""Steps of motors, tendons, tensions and tip, and their derivative, written by hand.
 
 Values are the environment's; derivatives follow from the play operator and from the rates of the equilibrium
-(`rj_gym.tracking.tangent.Tangent`). One node takes the place of some forty of torch's.
+(`rj_gym.tracking.tangent.Tangent`). A step is linear in its derivative, and all its coefficients but the rates are one
+number per tendon, computed for all steps at once.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from rj_gym.tracking.tangent import Tangent
@@ -19,21 +19,6 @@ from rollingjoint.transmission import play_contact, play_place, play_step, sheat
 Array = NDArray[np.float32]
 
 NO_PLAY = 1e-9  # mm: half a play below which derivatives by the place in it grow no more
-
-
-class Motion(NamedTuple):
-    """B lanes after a step, with gradients.
-
-    Position q of the motors, where they are going, and tendon commands p, (B, m) [mm]; measured tensions (B, m) [N];
-    tips (B, d) [mm] and poses (B, k) [mm, 1].
-    """
-
-    motor: torch.Tensor
-    goal: torch.Tensor
-    command: torch.Tensor
-    tension: torch.Tensor
-    tip: torch.Tensor
-    pose: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -55,96 +40,136 @@ class Motors:
         return self.limit is None and self.dead_band == 0.0
 
 
-def at_rest(tangent: Tangent) -> Motion:
-    """Where episodes begin."""
-    return Motion(*_found(tangent, tangent.motors))
+@dataclass(frozen=True)
+class Readings:
+    """What B lanes show after a step, or the gradient by it.
+
+    Args:
+        motor: position q of the motors (B, m) [mm]. tension: measured (B, m) [N].
+        tip: (B, d) [mm]. pose: (B, k) [mm, 1].
+    """
+
+    motor: Any
+    tension: Any
+    tip: Any
+    pose: Any
 
 
-def moved(before: Motion, due: torch.Tensor, tangent: Tangent, motors: Motors) -> Motion:
-    """The environment's motion after a step in which the actions `due` (B, m) reached the motors."""
-    return Motion(*_MotorStep.apply(tangent, motors, due, before.motor, before.goal, before.command))
+class MotionTape:
+    """T steps of motors and tendons, recorded by `add`, and then, last step first, their gradients.
+
+    Args:
+        motors: their response to actions. start: where episodes begin.
+    Attributes:
+        states: where they began, and after every step.
+    """
+
+    def __init__(self, motors: Motors, start: Tangent) -> None:
+        self._motors, self.states, self._due = motors, [start], list[NDArray[Any]]()
+
+    def add(self, due: NDArray[Any], tangent: Tangent) -> None:
+        """A step of the environment in which the actions `due` (B, m), before clipping, reached the motors."""
+        self._due.append(due)
+        self.states.append(tangent)
+
+    def begin_back(self) -> None:
+        """Before the gradients by the last step."""
+        self._now = len(self._due)
+        self._coefficients = _coefficients(self._motors, self.states, np.stack(self._due))
+        self._by_motor, self._by_goal, self._by_command = np.zeros((3, *self._due[0].shape), np.float32)
+
+    def back(self, by: Readings, by_command: Any = 0.0) -> Array:
+        """Gradient by the actions that reached the motors, (B, m), of the last step of which there is none yet.
+
+        Args:
+            by: gradient by what shows after the step. by_command: that by the tendons' commands (B, m).
+        """
+        self._now -= 1
+        given, shown, shift, in_play, slip, held, rates, length_rates, taken_along, moves, heard = (
+            coefficients[self._now] for coefficients in self._coefficients
+        )
+        by_motor = self._by_motor + by.motor + given * self._by_goal
+        by_goal = self._by_goal - given * self._by_goal
+        by_command = self._by_command + by_command
+        by_shift, by_tension = shift * by.tension, shown * by.tension
+        by_motor = by_motor - by_shift
+        if in_play.any():  # such a motor is where tension and limit have it
+            stopped = in_play * by_motor
+            by_tension, by_motor, by_command = by_tension + slip * stopped, by_motor - stopped, by_command + stopped
+        answers = _transposed(rates, np.concatenate([by.tip, by_tension, by.pose], 1))
+        by_command = by_command + by_shift + (1.0 - held) * answers
+        if held.any():  # at a tension limit motors and commands move with the lengths
+            answers = _transposed(length_rates, held * (by_command + by_motor))
+            by_command = np.where(held > 0.0, -by_motor, by_command + answers)
+        dragged = taken_along * by_command
+        by_motor, self._by_command = by_motor + dragged, by_command - dragged
+        by_way = moves * by_motor
+        self._by_motor, self._by_goal = by_motor - by_way, by_goal + by_way
+        return heard * self._by_goal
 
 
-class _MotorStep(torch.autograd.Function):
-    """Gradients by actions, motors, goals and commands before the step. Names: `by_x` is the gradient by x."""
+class _Coefficients(NamedTuple):
+    """Of the derivatives of T steps of B lanes by motors, goals and commands: (T, B, m) each but for rates."""
 
-    @staticmethod
-    def forward(ctx: Any, tangent: Tangent, motors: Motors, *before: torch.Tensor) -> Any:
-        due, motor, goal, command = (tensor.numpy() for tensor in before)
-        ctx.tangent, ctx.motors = tangent, motors
-        goal = goal - motors.scale * np.clip(due, -1.0, 1.0)
-        way = goal - motor if motors.dead_band == 0.0 else play_step(motor, goal, motors.dead_band) - motor
-        after = motor + (way if motors.limit is None else np.clip(way, -motors.limit, motors.limit))
-        stopped = tangent.stays | tangent.in_play
-        ctx.heard = np.abs(due) <= 1.0
-        ctx.free = np.full(way.shape, True) if motors.limit is None else np.abs(way) <= motors.limit
-        if motors.dead_band > 0.0:
-            ctx.free = ctx.free & (way != 0.0)
-        ctx.taken_along = (play_contact(command, after, tangent.half_play) != 0.0) & ~stopped
-        goal = tangent.motors if motors.follow_at_once else np.where(tangent.held | stopped, tangent.motors, goal)
-        return _found(tangent, goal)
-
-    @staticmethod
-    def backward(ctx: Any, *by: torch.Tensor) -> Any:
-        by_motor, by_goal, by_command, *by_read = (tensor.numpy() for tensor in by)
-        tangent, held = ctx.tangent, ctx.tangent.held
-        given = np.full(held.shape, True) if ctx.motors.follow_at_once else held | tangent.stays | tangent.in_play
-        by_goal, by_motor = np.where(given, 0.0, by_goal), by_motor + np.where(given, by_goal, 0.0)
-        by_command, by_motor = _through_readings(tangent, by_motor, by_command, *by_read)
-        if held.any():
-            by_command = _through_limits(tangent, by_motor, by_command)
-        by_motor = by_motor + np.where(ctx.taken_along, by_command, 0.0)
-        by_command = np.where(ctx.taken_along, 0.0, by_command)
-        moves = ctx.free & ~tangent.stays
-        by_goal, by_motor = by_goal + np.where(moves, by_motor, 0.0), np.where(moves, 0.0, by_motor)
-        by_due = np.where(ctx.heard, -ctx.motors.scale * by_goal, 0.0)
-        return None, None, *(single(tensor) for tensor in (by_due, by_motor, by_goal, by_command))
+    given: NDArray[Any]  # 1 where the goal is where the motor is
+    shown: NDArray[Any]  # d measured tension / d tension
+    shift: NDArray[Any]  # d measured tension / d command, by the place in the play [N/mm]
+    in_play: NDArray[Any]  # 1 where a limit stopped the motor in the play
+    slip: NDArray[Any]  # d motor / d tension there [mm/N]
+    held: NDArray[Any]  # 1 where the tension is at a limit
+    rates: NDArray[Any]  # d tip, tension and pose / d command, (T, B, d + m + k, m)
+    length_rates: NDArray[Any]  # (T, B, m, m)
+    taken_along: NDArray[Any]  # 1 where the motor moved the tendon
+    moves: NDArray[Any]  # 1 where the motor follows its goal
+    heard: NDArray[Any]  # d goal / d action [mm]
 
 
-def _found(tangent: Tangent, goal: NDArray[Any]) -> tuple[torch.Tensor, ...]:
-    """The fields of Motion."""
-    measured = tangent.tensions * _shown(tangent)
-    results = tangent.motors, goal, tangent.commands, measured, tangent.tips, tangent.poses
-    return tuple(single(values) for values in results)
-
-
-def _shown(tangent: Tangent) -> NDArray[np.float64]:
-    """Measured tensions over true ones, (B, m), but for offsets of load cells."""
-    place = sheath_direction(tangent.commands, tangent.motors, tangent.half_play)
-    return tangent.cell_gains * sheath_ratio(tangent.cell_sheath, place)
-
-
-def _through_readings(
-    tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array, by_pose: Array
-) -> tuple[Any, Any]:
-    """Gradients by commands and motors, through the readings too."""
-    half, shown = tangent.half_play, _shown(tangent)
-    shifts = (np.abs(play_place(tangent.commands, tangent.motors, half)) <= 1.0) & (half > 0.0)
-    by_shift = np.where(
-        shifts, by_measured * tangent.tensions * shown * tangent.cell_sheath / np.maximum(half, NO_PLAY), 0.0
+def _coefficients(motors: Motors, tangents: list[Tangent], due: NDArray[Any]) -> _Coefficients:
+    """The coefficients of steps with the actions `due` (T, B, m) between these T + 1 states."""
+    after = Tangent(*(np.stack(arrays) for arrays in zip(*tangents[1:], strict=True)))
+    motor, command = (
+        np.stack([getattr(tangents[0], name), *getattr(after, name)[:-1]]) for name in ("motors", "commands")
     )
-    by_motor, by_tension = by_motor - by_shift, by_measured * shown
-    if tangent.in_play.any():  # such a motor is where tension and limit have it
-        stopped = np.where(tangent.in_play, by_motor, 0.0)
-        by_tension = by_tension + stopped * half / (np.maximum(tangent.sheath, NO_PLAY) * tangent.tensions)
-        by_motor, by_command = by_motor - stopped, by_command + stopped
-    rates = tangent.tip_rates, tangent.tension_rates, tangent.pose_rates
-    answers = sum(map(_transposed, rates, (by_tip, by_tension, by_pose)))
-    return by_command + by_shift + np.where(tangent.held, 0.0, answers), by_motor
+    half, held, stays, in_play = after.half_play, after.held, after.stays, after.in_play
+    stopped = stays | in_play
+    given = np.full(held.shape, True) if motors.follow_at_once else held | stopped
+    goal = _goals(tangents[0].motors, after.motors, given, motors.scale * np.clip(due, -1.0, 1.0))
+    way = goal - motor if motors.dead_band == 0.0 else play_step(motor, goal, motors.dead_band) - motor
+    reached = motor + (way if motors.limit is None else np.clip(way, -motors.limit, motors.limit))
+    free = ~stays if motors.limit is None else ~stays & (np.abs(way) <= motors.limit)
+    place = play_place(after.commands, after.motors, half)
+    shown = after.cell_gains * sheath_ratio(after.cell_sheath, sheath_direction(after.commands, after.motors, half))
+    shifts, slips = (np.abs(place) <= 1.0) & (half > 0.0), np.maximum(after.sheath, NO_PLAY) * after.tensions
+    values = _Coefficients(
+        given=given,
+        shown=shown,
+        shift=np.where(shifts, after.tensions * shown * after.cell_sheath / np.maximum(half, NO_PLAY), 0.0),
+        in_play=in_play,
+        slip=np.divide(half, slips, out=np.zeros_like(half), where=in_play),
+        held=held,
+        rates=np.concatenate([after.tip_rates, after.tension_rates, after.pose_rates], 2),
+        length_rates=after.length_rates,
+        taken_along=(play_contact(command, reached, half) != 0.0) & ~stopped,
+        moves=free & (way != 0.0) if motors.dead_band > 0.0 else free,
+        heard=np.where(np.abs(due) <= 1.0, -motors.scale, 0.0),
+    )
+    return _Coefficients(*(array.astype(np.float32) for array in values))
 
 
-def _through_limits(tangent: Tangent, by_motor: Any, by_command: Any) -> Any:
-    """By commands before tendons at a tension limit gave way: there motors and commands move with the lengths."""
-    held, by_length = tangent.held, by_command + by_motor
-    answers = _transposed(tangent.length_rates, np.where(held, by_length, 0.0))
-    return np.where(held, -by_motor, by_command + answers)
+def _goals(start: NDArray[Any], motors: NDArray[Any], given: NDArray[np.bool_], moves: NDArray[Any]) -> NDArray[Any]:
+    """Where motors are asked to go in every step, (T, B, m) [mm]: from where they went before, by the moves.
+
+    Args:
+        start: where they go before the first step. motors: where they are after each.
+        given: where they go on from there, and not from where they were to go.
+    """
+    goals, goal = np.empty_like(motors), start
+    for step, (motor, stands, move) in enumerate(zip(motors, given, moves, strict=True)):
+        goals[step] = goal - move
+        goal = np.where(stands, motor, goals[step])
+    return goals
 
 
-def _transposed(rates: NDArray[np.float64], by: Any) -> Any:
+def _transposed(rates: Array, by: Array) -> Array:
     """Gradients by the factors of the rates (B, k, m), from the gradients by the products (B, k)."""
     return np.einsum("bkm,bk->bm", rates, by)
-
-
-def single(array: Any) -> torch.Tensor:
-    """An array as a tensor of single precision."""
-    return torch.as_tensor(np.ascontiguousarray(array, np.float32))

@@ -81,7 +81,7 @@ def orthogonal(matrices: torch.Tensor) -> torch.Tensor:
     x = x.mT if tall else x
     for _ in range(STEPS):
         square = x @ x.mT
-        x = a * x + (b * square + c * square @ square) @ x
+        x = torch.baddbmm(x, torch.baddbmm(square, square, square, beta=b, alpha=c), x, beta=a)
     return x.mT if tall else x
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 
-from agents.learners.motion import Motion
+from agents.learners.motion import Readings
 from rj_gym.tracking.arrays import AGE, LAG_TENSION
 from rj_gym.tracking.task import TrackingTask
 
@@ -26,52 +27,81 @@ class _ObservedEntry:
 
 
 class Observing:
-    """Adds gradients to the observations of a tracking task.
+    """The observation's derivative by readings.
 
-    Entries of motors, tensions, past readings, the tip error and of pictures have them; rounding and noise do not. The
-    readings after a step are one row: its action, motors, measured tensions, and tip and poses in the picture that is
-    seen. Observations are linear in the rows now and some steps ago.
+    Entries of motors, tensions, past readings, the tip error and of pictures have one; that of rounding and noise is
+    left out. The readings after a step are one row: its action, motors, measured tensions, and tip and poses in the
+    picture that is seen. Observations are linear in the rows now and some steps ago.
     """
 
     def __init__(self, task: TrackingTask) -> None:
         names = [entry.name for entry in task.entries()]
-        self._age = names.index("picture age") if "picture age" in names else None
+        self.age = names.index("picture age") if "picture age" in names else None
         entries = [_entry(name, task) for name in names]
         m, starts = task.action_size, {"action": 0, "motor": task.action_size, "tension": 2 * task.action_size}
         starts |= {"tip": 3 * m, "pose": 3 * m + task.dimension}
-        width = starts["pose"] + len(task.pictured)
+        self.parts, self.width = np.cumsum([m, m, m, task.dimension]), starts["pose"] + len(task.pictured)
         # An action is kept with the row that it led to: a step ago is now.
         ages = [entry.lag - 1 if entry.kind == "action" else entry.lag for entry in entries]
-        self._ages = sorted({0, *ages})
-        self._linear = torch.zeros(len(self._ages), width, len(names))
+        self.ages = sorted({0, *ages})
+        rates = np.zeros((len(names), len(self.ages), self.width), np.float32)
         for column, (entry, age) in enumerate(zip(entries, ages, strict=True)):
             if entry.kind:
                 place = starts[entry.kind] + entry.part
-                self._linear[self._ages.index(age), place, column] += 1.0 / entry.unit
+                rates[column, self.ages.index(age), place] += 1.0 / entry.unit
                 if entry.lag and entry.kind != "action":  # the past value, less the present one
-                    self._linear[0, place, column] -= 1.0 / entry.unit
-        self._linear = self._linear.reshape(-1, len(names))
+                    rates[column, 0, place] -= 1.0 / entry.unit
+        self.rates = rates.reshape(len(names), -1)
 
-    def begin(self) -> None:
-        """Episodes begin."""
-        self._rows: list[torch.Tensor] = []
-        self._pictures: list[torch.Tensor] = []
+    def tape(self, steps: int, lanes: int) -> ObservingTape:
+        """A record of so many observations of so many episodes, which begin now."""
+        return ObservingTape(self, steps, lanes)
 
-    def __call__(self, observation: torch.Tensor, action: torch.Tensor, motion: Motion) -> torch.Tensor:
-        """The next observation (B, entries), with the gradients of this action, this motion and those before."""
-        picture = torch.cat([motion.tip, motion.pose], 1)
-        self._pictures.append(picture)
-        shown = picture if self._age is None else self._pictured(observation[:, self._age])
-        self._rows.append(torch.cat([action, motion.motor, motion.tension, shown], 1))
-        now = len(self._rows) - 1
-        answer = torch.cat([self._rows[max(now - age, 0)] for age in self._ages], 1) @ self._linear
-        return observation + (answer - answer.detach())
 
-    def _pictured(self, age: torch.Tensor) -> torch.Tensor:
-        """The pictures that are seen now, (B, d + k)."""
-        now = len(self._pictures) - 1
-        taken = now - torch.round(AGE * age).long()
-        return torch.stack(self._pictures)[taken.clamp(0, now), torch.arange(len(age))]
+class ObservingTape:
+    """Observations of T steps of B episodes, and then, last one first, the gradients by what they show."""
+
+    def __init__(self, observing: Observing, steps: int, lanes: int) -> None:
+        self._observing, self._shape = observing, (steps, lanes)
+        self._taken: list[NDArray[np.int64]] = []
+
+    def add(self, observation: NDArray[np.float32]) -> None:
+        """The next observation (B, entries)."""
+        if self._observing.age is not None:
+            age = np.rint(AGE * observation[:, self._observing.age]).astype(np.int64)
+            self._taken.append(np.maximum(len(self._taken) - age, 0))
+
+    def begin_back(self) -> None:
+        """Before the gradients by the last observation."""
+        steps, lanes = self._shape
+        self._now, first = steps, self._observing.parts[2]
+        self._by_rows = np.zeros((steps, lanes, self._observing.width), np.float32)
+        self._by_pictures = np.zeros((steps, lanes, self._observing.width - first), np.float32)
+
+    def nothing(self) -> tuple[NDArray[np.float32], Readings]:
+        """A gradient of `back` that is 0."""
+        return self._split(np.zeros((self._shape[1], self._observing.width), np.float32))
+
+    def back(self, by_observation: NDArray[np.float32]) -> tuple[NDArray[np.float32], Readings]:
+        """Whole gradients by the action before the last observation of which there are none yet, and by its readings.
+
+        Args:
+            by_observation: gradient by its entries (B, entries).
+        """
+        self._now -= 1
+        now, observing = self._now, self._observing
+        shares = (by_observation @ observing.rates).reshape(len(by_observation), -1, observing.width)
+        for place, age in enumerate(observing.ages):
+            self._by_rows[max(now - age, 0)] += shares[:, place]
+        row, first = self._by_rows[now], observing.parts[2]
+        if observing.age is not None:
+            self._by_pictures[self._taken[now], np.arange(len(row))] += row[:, first:]
+            row[:, first:] = self._by_pictures[now]
+        return self._split(row)
+
+    def _split(self, row: NDArray[np.float32]) -> tuple[NDArray[np.float32], Readings]:
+        action, motor, tension, tip, pose = np.split(row, self._observing.parts, axis=1)
+        return action, Readings(motor, tension, tip, pose)
 
 
 def _entry(name: str, task: TrackingTask) -> _ObservedEntry:

@@ -14,6 +14,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from agents.learners.feed_forward import FeedForwardActor
 from agents.learners.muon import Muon
 from agents.learners.recurrent import WIDTH, RecurrentActor
+from agents.learners.tape import Tape
 from rj_gym.core.task import ObservedError
 
 
@@ -43,6 +44,10 @@ class EpisodePolicy(BasePolicy):
     def forward(self, observation: torch.Tensor, memory: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """One step: actions before clipping (B, m), and the memory after it, from normalised observations."""
         return self.actor.step(observation, memory)
+
+    def tape(self, steps: int, lanes: int) -> Tape:
+        """A record of so many steps of so many episodes, which begin now, for their gradients."""
+        return self.actor.tape(steps, lanes)
 
     def predict(
         self,

@@ -26,7 +26,7 @@ class TrueStateWeights:
 
     Args:
         gain: share of the error that a step removes.
-        stiffen: weight of high tensions [mm/N]: weak next to the error. Arms keep their tensions.
+        stiffen: weight of high tensions [mm/N]: weak next to the error. Chains of hinges keep their tensions.
         damping: the smallest response of the tip to commands that is used [mm/mm].
         far: more damping far from the target, where the response will have changed on arrival [1/mm].
         dead_band_mm: moves of a tendon that are not worth crossing the play for [mm].
@@ -65,7 +65,7 @@ class TrueStateFeedback:
         self._check_motors(task)
         self.lowest = task.config.tension_range[0]
         self.weights, self.scale = weights or TrueStateWeights(), task.config.action_scale_mm
-        self.stiffens = task.dimension == 2
+        self.stiffens = task.mechanism.slips
         self._before: Array = np.empty((0, 1))  # targets of the last step
 
     @staticmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from agents.policies.errors import PolicyError
@@ -28,6 +29,9 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False, version: i
         PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
         RunFolderError: a run folder that cannot be read.
     """
+    allowed = f"a policy file or one of {', '.join(list_policies())}"
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise PolicyError("policy", name_or_path, allowed)
     path, ships = Path(name_or_path), str(name_or_path) in list_policies()
     if version is not None and not ships and path.is_file():
         raise PolicyError("version", version, "None for a file, which has one policy")
@@ -37,7 +41,6 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False, version: i
         path = _file_of(str(name_or_path), version)
     elif not path.is_file():
         hint = suggestion(str(name_or_path), list_policies())
-        allowed = f"a policy file or one of {', '.join(list_policies())}"
         raise PolicyError("policy", str(name_or_path), allowed, hint)
     elif path.name == IN_A_RUN:
         from agents.policies.export import policy_in_run

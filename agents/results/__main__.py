@@ -184,6 +184,7 @@ def _typed(arguments: argparse.Namespace) -> str:
         value = getattr(arguments, name.replace("-", "_"))
         words += [] if value == default or arguments.files else [f"--{name}", str(value)]
     words += ["--shipped"] if arguments.shipped and not arguments.files else []
+    words += ["--runs-only"] if arguments.runs_only else []
     words += [] if arguments.out == OUT else ["--out", str(arguments.out)]
     return shlex.join(typed_command("rj results", words))
 

@@ -69,9 +69,10 @@ def _arm_loads(config: FlexibleArmConfig) -> list[str]:
         "ou": f"a payload of {low:g} to {high:g} N hangs from its tip and drifts (Ornstein-Uhlenbeck, correlation time "
         f"{load.correlation_steps:g} steps).",
     }
-    hangs = f"The arm hangs from a base that is tilted {tilted}°;"
+    anywhere = config.gravity.tilt[0] == 0.0 and config.gravity.tilt[1] >= math.pi
+    hangs = "It is held at any attitude;" if anywhere else f"The arm hangs from a base that is tilted {tilted}°;"
     turned = "The tip frame has to turn into that of the target, too." if config.orientation else ""
-    return [hangs, ways[load.process], f"Tilt and payload {observed}.", turned]
+    return [hangs, ways[load.process], f"{'Attitude' if anywhere else 'Tilt'} and payload {observed}.", turned]
 
 
 def _rubbing(settings: FrictionConfig | None) -> str:

@@ -157,6 +157,7 @@ def _driven(driven: EpisodeScores) -> dict[str, Any]:
     plain: dict[str, Any] = {"last_10_mm": _numbers(driven.last), "ended_early": driven.ended_early}
     if driven.final is not None and driven.held is not None:
         plain |= {"final_mm": _numbers(driven.final), "held": "".join("01"[int(held)] for held in driven.held)}
+        plain |= {"action_us": _number(driven.action_us)} if driven.action_us else {}
     return plain
 
 
@@ -165,7 +166,7 @@ def _read_driven(values: Mapping[str, Any]) -> EpisodeScores:
     if "final_mm" not in values:
         return EpisodeScores(last, ended_early=early)
     held = np.array([bool("01".index(letter)) for letter in values["held"]])
-    return EpisodeScores(last, np.array(values["final_mm"], float), held, early)
+    return EpisodeScores(last, np.array(values["final_mm"], float), held, early, values.get("action_us", 0.0))
 
 
 def _numbers(values: Array) -> list[float | int | None]:

@@ -31,6 +31,7 @@ from rollingjoint.tables import markdown_table
 ERRORS = ("mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]")
 SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
+ACTION = "µs per action"
 TRAINING = ("steps", "training [min]", "seeds")
 CHANGE = "change of the mean [%]"
 
@@ -90,8 +91,14 @@ class Tables:
     def table(self, standing: Standings) -> str:
         """A line per controller, and the floor; in other worlds than its own with the change of the mean."""
         is_own = standing is self.worlds[0]
-        last = TRAINING if is_own else (CHANGE,)
-        more = self._training if is_own else lambda name: self._change(standing, name)
+        timed = is_own and any(map(self._action_us, standing.names))
+        last = ((ACTION,) if timed else ()) + (TRAINING if is_own else (CHANGE,))
+
+        def more(name: str) -> tuple[str, ...]:
+            if not is_own:
+                return self._change(standing, name)
+            return ((self._action_us(name),) if timed else ()) + self._training(name)
+
         rows = [(self._label(name), *self.columns(standing, name), *more(name)) for name in standing.names]
         floors = standing.world.known_floors
         if len(floors):
@@ -115,6 +122,12 @@ class Tables:
     def _change(self, standing: Standings, name: str) -> tuple[str]:
         change = standing.change(name, self.worlds[0])
         return ("" if change is None else with_interval(change, signed_percent),)
+
+    def _action_us(self, name: str) -> str:
+        """Processor time per action in the task's own episodes, mean of the runs [µs]; empty where it is not known."""
+        runs = self.record.controller(name).runs
+        times = [run.driven[self.worlds[0].world.name].action_us for run in runs]
+        return f"{np.mean(times):.2g}" if all(times) else ""
 
     def _training(self, name: str) -> tuple[str, str, str]:
         controller = self.record.controller(name)

@@ -80,6 +80,7 @@ class EpisodeScores:
         final: tip error at the end, (E,) [mm]. held: whether all of the last 10 steps were within 1 mm, (E,). Both None
             where only the first was kept.
         ended_early: number of episodes that the environment ended.
+        action_us: processor time per action, the episodes side by side [µs]; 0 where it was not measured.
     Raises:
         ResultsError: different numbers of episodes, or errors that are not finite.
     """
@@ -88,6 +89,7 @@ class EpisodeScores:
     final: Array | None = None
     held: NDArray[np.bool_] | None = None
     ended_early: int = 0
+    action_us: float = 0.0
 
     def __post_init__(self) -> None:
         allowed = "finite errors of 0 or more, one per episode [mm]"
@@ -107,7 +109,8 @@ class EpisodeScores:
         last, early = episodes.last_errors.mean(axis=1), int(episodes.terminated.sum())
         if not complete:
             return cls(last, ended_early=early)
-        return cls(last, episodes.final_errors, np.all(episodes.last_errors <= CLOSE_MM, axis=1), early)
+        held = np.all(episodes.last_errors <= CLOSE_MM, axis=1)
+        return cls(last, episodes.final_errors, held, early, episodes.action_us)
 
 
 @dataclass(frozen=True)

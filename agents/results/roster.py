@@ -5,7 +5,7 @@ from __future__ import annotations
 from agents.controllers.controller import Controller, env_for
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.residual import controllers_in
-from agents.controllers.tuned import WORLDS
+from agents.controllers.tuned import WORLDS, world_of
 from agents.results.environment import changed
 from agents.results.record import World
 from agents.runs.environment import EnvConfig, make_vector_env
@@ -13,17 +13,17 @@ from agents.runs.seeds import VALIDATION
 from rollingjoint.errors import InvalidInput
 
 
-def candidates(env_id: str) -> dict[str, Controller]:
-    """New controllers to compare learned ones with in the environment of this id, by name; some cannot drive in it."""
-    controllers = controllers_in(env_id)
-    return controllers | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else controllers
+def candidates(world: str) -> dict[str, Controller]:
+    """New controllers to compare learned ones with in this world, by name; some cannot drive in it."""
+    controllers = controllers_in(world)
+    return controllers | {"privileged teacher": PrivilegedFeedback()} if world in WORLDS else controllers
 
 
 def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
     """The controllers that need no training and can drive here, by name; and why others cannot."""
     able: dict[str, Controller] = {}
     impossible: dict[str, str] = {}
-    for name, controller in candidates(env.id).items():
+    for name, controller in candidates(world_of(env)).items():
         why = why_impossible(env_for(env, controller), controller)
         if why:
             impossible[name] = why

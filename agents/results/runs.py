@@ -46,7 +46,7 @@ class FinishedRun:
         """The run in the folder at `path`; raises RollingJointError if it is broken or not finished."""
         folder = RunFolder.open(path)
         config = folder.config()
-        if not (config.env.is_tracking and config.env.is_built_in):
+        if not config.env.is_built_in_tracking:
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
         if not folder.is_finished:
             hint = f"To go on: rj train --resume {path}"
@@ -188,6 +188,7 @@ def _recipe_folder(folder: Path) -> Path:
 def _title(recipes: Sequence[Recipe]) -> str:
     """The name of the first configuration without its algorithm: ppo_fixed_target -> fixed target."""
     words = recipes[0].name
+    words = words.removeprefix("plain_")
     for algorithm in sorted((*PARAMETERS, "her"), key=len, reverse=True):
         words = words.removeprefix(f"{algorithm}_")
     return words.replace("_", " ")

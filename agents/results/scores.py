@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.controller import Array, Controller, env_for
+from agents.controllers.tuned import world_of
 from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import run_episodes
 from agents.evaluation.score import FLOOR
@@ -65,17 +66,17 @@ class _WorldUnit:
             has_floor = not why_no_floor(self.env)
             return episode_floor(self.env, self.seeds).errors if has_floor else np.full(len(self.seeds), np.nan)
         return EpisodeScores.of(
-            run_episodes(self.env, _controller(self.env.id, self.driver), self.seeds), self.complete
+            run_episodes(self.env, _controller(self.env.id, world_of(self.env), self.driver), self.seeds), self.complete
         )
 
 
 @lru_cache(maxsize=1)  # one controller after another drives in many worlds
-def _controller(env_id: str, driver: RunFolder | str) -> Controller:
+def _controller(env_id: str, world: str, driver: RunFolder | str) -> Controller:
     if isinstance(driver, RunFolder):
         return load_driving(driver, CHECKPOINT)
     if driver in list_policies():
         return load_policy(driver, version=version_of(env_id))
-    return candidates(env_id)[driver]
+    return candidates(world)[driver]
 
 
 @dataclass(frozen=True)

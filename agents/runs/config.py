@@ -32,6 +32,7 @@ from agents.runs.checks import (
     step_count,
 )
 from agents.runs.environment import EnvConfig
+from agents.runs.ready_made import ENV, configuration_file
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.checked_yaml import text as checked_text
 from rollingjoint.errors import ConfigError
@@ -325,7 +326,8 @@ def overlap(first: range, second: range) -> bool:
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
     """The configuration in a YAML file, with "section.key=value" overrides on top.
 
-    `env.file` names a YAML file of environment settings, relative to this file; `env.settings` goes on top of it.
+    `env.file` names a YAML file of environment settings, relative to this file, or a ready-made one; `env.settings`
+    goes on top of it.
     `start_from`, as run folders elsewhere, is relative to the working directory.
     Raises ConfigError that names the file, the key and the nearest valid key.
     """
@@ -375,10 +377,14 @@ def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
     settings = _with_mechanism(env.get("settings"), folder)
     if name is not None:
         if not isinstance(name, str):
-            raise ConfigError("env.file", name, "the path of a YAML file")
-        path = folder / name
-        settings = _merged(_with_mechanism(_section(read_yaml(path), str(path)), path.parent), settings)
+            raise ConfigError("env.file", name, "the path of a YAML file, or the name of a ready-made one")
+        settings = _merged(env_settings(configuration_file(ENV, name, folder)), settings)
     return env | {"settings": settings}
+
+
+def env_settings(path: Path) -> dict[str, Any]:
+    """The settings of an environment in a YAML file, paths of mechanism files resolved."""
+    return _with_mechanism(_section(read_yaml(path), str(path)), path.parent)
 
 
 def _section(values: object, where: str) -> dict[str, Any]:

@@ -89,6 +89,11 @@ class EnvConfig:
         return (row := self.registration) is not None and row.env_id == self.id
 
     @property
+    def is_built_in_tracking(self) -> bool:
+        """Whether it is one of the tracking environments that rj_gym itself has registered."""
+        return self.is_tracking and self.is_built_in
+
+    @property
     def judged_by(self) -> str:
         """The column of evaluations.csv that policies are chosen by: LAST_10 in tracking tasks, as in tables."""
         return LAST_10 if self.is_tracking else AT_THE_END
@@ -139,7 +144,7 @@ class EnvConfig:
 
         Of other ids than rj_gym's tracking tasks they are as given.
         """
-        if not (self.is_tracking and self.is_built_in):
+        if not self.is_built_in_tracking:
             return dict(self.settings)
         from rj_gym.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict

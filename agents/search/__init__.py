@@ -1,4 +1,4 @@
-"""Design search: rj search configs/search/demo.yaml --out runs/search/demo.
+"""Design search: rj search demo --out runs/search/demo.
 
 Modules:
     config: the checked content of a search file.

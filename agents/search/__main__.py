@@ -1,4 +1,4 @@
-"""Search designs: rj search configs/search/demo.yaml --out runs/search/demo.
+"""Search designs: rj search demo --out runs/search/demo.
 
 Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md describes the results. The
 same command continues a search: finished runs are kept, interrupted ones continue after their last batch.
@@ -21,6 +21,7 @@ from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
+from agents.runs.ready_made import SEARCH, configuration_file
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from rollingjoint.errors import naming_extras
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj search", description="Search designs.")
-    parser.add_argument("config", type=Path, help="YAML file, for example one of configs/search/")
+    parser.add_argument("config", help="YAML file, or the name of one of configs/search/")
     parser.add_argument(
         "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
     )
@@ -53,9 +54,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     jobs = job_count("--jobs", arguments.jobs)
     torch.set_num_threads(1)
-    config = _chosen(load_search(arguments.config), arguments.methods)
+    file = configuration_file(SEARCH, arguments.config)
+    config = _chosen(load_search(file), arguments.methods)
     check(config)
-    out = arguments.out or Path("runs/search") / arguments.config.stem
+    out = arguments.out or Path("runs/search") / file.stem
     configs = config.runs()
     runs = [SearchRun.begin(out / run_config.run_name, run_config, command, arguments.force) for run_config in configs]
     unfinished = [run.path for run in runs if not run.is_finished]

@@ -23,7 +23,8 @@ class SearchConfig:
         objectives: a list of {`kind`, `weight`, `scale`} and fields of the kind; weight 0: only measured; scale 1 by
             default, or `reference`: the value of the reference mechanism.
         methods: settings by name of a method.
-        space: fields of `rollingjoint.design.DesignSpace`, by default five equal, symmetric links.
+        space: fields of `rollingjoint.design.DesignSpace`, by default five equal, symmetric links; with `kind: space`
+            those of `rollingjoint.design.SpatialDesignSpace`.
         limits: a list of {`kind`, `low`, `high`} and fields of the kind; the bound `reference`: the value of the
             reference mechanism.
         held_out: by kind of objective, fields that differ when the best designs are scored again.

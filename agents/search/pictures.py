@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
+from mpl_toolkits.mplot3d import Axes3D
 
 from agents.evaluation.pictures import COLOURS, figure_of, png, tidy
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array
 from agents.search.outcome import Search, SearchOutcome, words
-from agents.search.problem import reference
-from rollingjoint import RollingChain, solve_tensions
+from agents.search.problem import measured, reference
+from rollingjoint import RollingChain, SpatialChain, solve_tensions
 from rollingjoint.errors import MechanismError
-from rollingjoint.plotting import plot_family
+from rollingjoint.plotting import plot_arm, plot_family
 
 RATIOS = (1 / 3, 1 / 3**0.5, 1.0, 3**0.5, 3.0)  # of the tensions, left to right, in which mechanisms are drawn
 TENSION = 10.0  # their sum [N]
+MOST_POSES = 3  # in which mechanisms in space are drawn
 DPI = 110
 
 
@@ -67,9 +70,14 @@ def _focus(axes: Axes, search: Search) -> None:
     axes.set_ylim(ends.min() - room, ends.max() + room)
 
 
-def shapes(search: Search, best: RollingChain | None) -> bytes:
-    """PNG: the best design and the reference, each under the same five pairs of tensions."""
-    drawn = [mechanism for mechanism in (best, reference(search.config)) if mechanism is not None]
+def shapes(search: Search, best: RollingChain | SpatialChain | None) -> bytes:
+    """PNG: best design and reference, each under the same tensions: five pairs, in space the first of the search."""
+    theirs = reference(search.config)
+    if isinstance(theirs, SpatialChain):
+        assert best is None or isinstance(best, SpatialChain)
+        return _shapes_in_space(search, best, theirs)
+    assert best is None or isinstance(best, RollingChain)
+    drawn = [mechanism for mechanism in (best, theirs) if mechanism is not None]
     figure = figure_of(5.2 * len(drawn), 5.0)
     panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
     for axes, mechanism in zip(panels, drawn, strict=True):
@@ -85,6 +93,33 @@ def shapes(search: Search, best: RollingChain | None) -> bytes:
     handles = panels[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside right upper", frameon=False, title="left, right tendon")
     return png(figure, DPI)
+
+
+def _shapes_in_space(search: Search, best: SpatialChain | None, theirs: SpatialChain) -> bytes:
+    """PNG: the same in space, contact lines coloured by their tilting margins."""
+    rows = next(objective.tensions for objective in measured(search.problem))  # type: ignore[attr-defined]
+    drawn = [mechanism for mechanism in (best, theirs) if mechanism is not None]
+    figure = figure_of(5.2 * len(drawn), 5.0)
+    for place, mechanism in enumerate(drawn):
+        axes = cast(Axes3D, figure.add_subplot(1, len(drawn), place + 1, projection="3d"))
+        shapes = [shape for shape in (solve_tensions(mechanism, row) for row in rows[:MOST_POSES]) if shape.ok]
+        for shape in shapes:
+            plot_arm(shape, axes)
+        _frame(axes, np.stack([mechanism.poses(mechanism.neutral_angles), *(shape.poses for shape in shapes)]))
+        axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
+    return png(figure, DPI)
+
+
+def _frame(axes: Axes3D, poses: Array) -> None:
+    """Show links (any, n, 4, 4) at one scale, without the legend."""
+    points = poses[..., :3, 3].reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, reach = 0.5 * (low + high), 0.55 * float((high - low).max())
+    for limit, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle.tolist(), strict=True):
+        limit(centre - reach, centre + reach)
+    axes.set_box_aspect((1.0, 1.0, 1.0))
+    if axes.get_legend() is not None:
+        axes.get_legend().remove()
 
 
 def archive(search: Search) -> bytes | None:
@@ -125,9 +160,10 @@ def _label(search: Search, place: int) -> str:
     return f"{words(search.names[place])} [{search.units[place]}], {aim}"
 
 
-def best_mechanism(search: Search) -> RollingChain | None:
+def best_mechanism(search: Search) -> RollingChain | SpatialChain | None:
     """The best design as a mechanism; None where it is no valid one."""
     try:
-        return search.problem.space.mechanism(search.winner.best_x)
+        best: RollingChain | SpatialChain = search.problem.space.mechanism(search.winner.best_x)
+        return best
     except MechanismError:
         return None

@@ -12,30 +12,38 @@ from agents.runs.checks import prefixed
 from agents.search.config import SearchConfig
 from agents.search.methods import make
 from agents.search.optimiser import Optimiser, Setup
-from rollingjoint import RollingChain
+from rollingjoint import RollingChain, SpatialChain
 from rollingjoint.checked_yaml import mapping, number
 from rollingjoint.design import (
     BendingShapes,
     DesignSpace,
+    FrictionRequired,
     LateralStiffness,
     Limit,
     LoadCapacity,
     Objective,
     PeakTension,
+    PlacementError,
+    PressingMargin,
     Problem,
+    SpatialDesignSpace,
     TendonTravel,
     Term,
+    TiltingMargin,
+    TipReach,
     TipRotation,
+    TipStiffness,
     TipTravel,
+    ToothMargin,
     measure,
 )
 from rollingjoint.errors import ConfigError, SolverError
 from rollingjoint.io.mechanism_file import load_mechanism
 
-KINDS: dict[str, Any] = {
-    kind.name: kind
-    for kind in (BendingShapes, TipTravel, TipRotation, LateralStiffness, LoadCapacity, TendonTravel, PeakTension)
-}
+_PLANAR = BendingShapes, TipTravel, TipRotation, LateralStiffness, LoadCapacity, TendonTravel, PeakTension
+_SPATIAL = TipStiffness, TipReach, PlacementError, PressingMargin, TiltingMargin, ToothMargin, FrictionRequired
+KINDS: dict[str, Any] = {kind.name: kind for kind in (*_PLANAR, *_SPATIAL)}
+SPACES: dict[str, type[DesignSpace | SpatialDesignSpace]] = {"plane": DesignSpace, "space": SpatialDesignSpace}
 REFERENCE = "reference"
 
 
@@ -43,14 +51,21 @@ def design_problem(config: SearchConfig, held_out: bool = False) -> Problem:
     """The problem of a search, or of its held-out scores; raises ConfigError that names the key."""
     changes = config.held_out if held_out else {}
     mapping("held_out", changes, tuple(KINDS))
-    keys = [field.name for field in fields(DesignSpace)]
-    space = mapping("space", config.space, keys)
+    make = space_class(config)
+    space = mapping("space", config.space, ["kind", *(field.name for field in fields(make))])
     with _located("space"):
-        design_space = DesignSpace(**{key: _frozen(value) for key, value in space.items()})
+        design_space = make(**{key: _frozen(value) for key, value in space.items() if key != "kind"})
     terms = tuple(_term(f"objectives[{i}]", item, config, changes) for i, item in enumerate(config.objectives))
     limits = tuple(_limit(f"limits[{i}]", item, config, changes) for i, item in enumerate(config.limits))
     with _located("objectives"):
         return Problem(design_space, terms, limits)
+
+
+def space_class(config: SearchConfig) -> type[DesignSpace | SpatialDesignSpace]:
+    """The class of the design space of a search; raises ConfigError."""
+    kind = config.space.get("kind", "plane") if isinstance(config.space, Mapping) else "plane"
+    mapping("space.kind", {kind: None}, tuple(SPACES))
+    return SPACES[kind]
 
 
 def check(config: SearchConfig) -> None:
@@ -85,10 +100,12 @@ def names(problem: Problem) -> tuple[str, ...]:
     return tuple(unique)
 
 
-def reference(config: SearchConfig) -> RollingChain:
+def reference(config: SearchConfig) -> RollingChain | SpatialChain:
     """The mechanism to compare with; raises ConfigError."""
     with _located("reference"):
-        return load_mechanism(config.reference, RollingChain)
+        if space_class(config) is DesignSpace:
+            return load_mechanism(config.reference, RollingChain)
+        return load_mechanism(config.reference, SpatialChain)
 
 
 def against(config: SearchConfig, problem: Problem) -> list[float]:

@@ -12,6 +12,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
 
 from agents.controllers.residual import base_controller, output_size
+from agents.controllers.tuned import world_of
 from agents.policies.parameters import network_arguments, policy_name
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.checks import prefixed
@@ -42,7 +43,9 @@ def make_training_env(config: EnvConfig) -> VecEnv:
 def _on_top_of(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
     """The lanes with the outputs of a controller; raises ConfigError for one that cannot act there."""
     try:
-        return ResidualVecEnv(envs, partial(base_controller, controller, config.id), output_size(controller, config))
+        return ResidualVecEnv(
+            envs, partial(base_controller, controller, world_of(config)), output_size(controller, config)
+        )
     except ConfigError:
         envs.close()
         raise
@@ -157,7 +160,7 @@ def _teacher_argument(config: TrainConfig, env: VecEnv) -> dict[str, Any]:
     if name is None:
         return {}
     output_size(name, config.env, key)
-    teacher = base_controller(name, config.env.id, key)
+    teacher = base_controller(name, world_of(config.env), key)
     teacher.bind(env.get_attr("task", [0])[0])
     return {"teacher": teacher}
 

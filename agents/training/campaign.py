@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import traceback
-from collections.abc import MutableSequence, Sequence
+from collections.abc import Mapping, MutableSequence, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,22 +31,34 @@ from rollingjoint.errors import ConfigError, RollingJointError
 
 @dataclass(frozen=True)
 class Member:
-    """One run of a campaign: a configuration and a seed."""
+    """One run of a campaign: a configuration and a seed.
+
+    Args:
+        changes: "section.key=value" each, on top of the configuration.
+        name: of the configuration with these changes; empty: that of its file.
+    """
 
     config: Path
     seed: int
+    changes: tuple[str, ...] = ()
+    name: str = ""
 
     def __str__(self) -> str:
-        return f"{self.config.stem} seed {self.seed}"
+        return f"{self.recipe} seed {self.seed}"
+
+    @property
+    def recipe(self) -> str:
+        """The name of the folder of its configuration, and in tables."""
+        return self.name or self.config.stem
 
     @property
     def overrides(self) -> tuple[str, ...]:
         """Changes of the configuration by the run."""
-        return f"seed={self.seed}", "torch_threads=1"
+        return *self.changes, f"seed={self.seed}", "torch_threads=1"
 
     def folder(self, out: Path) -> Path:
         """Its run folder in the folder of the campaign."""
-        return out / self.config.stem / f"seed_{self.seed}"
+        return out / self.recipe / f"seed_{self.seed}"
 
     def begun(self, out: Path) -> bool | None:
         """Whether its run has begun; None if it is finished.
@@ -86,15 +99,31 @@ def load_campaign(path: Path) -> list[Member]:
     members: dict[tuple[str, int], Member] = {}
     for place, item in enumerate(entries(f"{path}: runs", runs)):
         where = f"{path}: runs[{place}]"
-        item = mapping(where, item, ["config", "seeds"], ["config", "seeds"])
+        item = mapping(where, item, ["config", "seeds", "set", "name"], ["config", "seeds"])
         config = Path(os.path.normpath(path.parent / text(f"{where}.config", item["config"])))
+        changes, name = _changes(where, item)
         for seed in entries(f"{where}.seeds", item["seeds"]):
-            member = Member(config, integer(0, 2**31)(f"{where}.seeds", seed))
+            member = Member(config, integer(0, 2**31)(f"{where}.seeds", seed), changes, name)
             load_config(config, member.overrides)
-            if members.setdefault((config.stem, member.seed), member) is not member:
+            if members.setdefault((member.recipe, member.seed), member) is not member:
                 hint = "A run folder is named after both."
                 raise ConfigError(where, str(member), "every name of a configuration with every seed once", hint)
     return list(members.values())
+
+
+def _changes(where: str, item: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
+    """The changes of the configuration in an entry of a campaign file, and the name for it; none where it has none."""
+    changes = (
+        tuple(text(f"{where}.set", change) for change in entries(f"{where}.set", item["set"])) if "set" in item else ()
+    )
+    name = text(f"{where}.name", item["name"]) if "name" in item else ""
+    if ("name" in item) != ("set" in item):
+        raise ConfigError(
+            where, list(item), "`set` and `name` together", "A changed configuration has a name of its own."
+        )
+    if name and not re.fullmatch(r"\w[\w.-]*", name):
+        raise ConfigError(f"{where}.name", name, "letters, digits, _, - and . , as in the name of a folder")
+    return changes, name
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Tune settings of controllers: python -m agents.tuning.controllers --world rj_gym/Instrument-v0 --tries 60.
 
+With --file configs/env/NAME.yaml in the environment with these settings.
+
 The first half of the tries are random settings, the others near the best so far; all drive the same episodes of the
 tuning seeds. The best few drive the episodes of the validation seeds, and the best of these is stored in the file,
 with its scores and the number of tries. Scores are the mean tip error over the last 10 steps of an episode [mm].
@@ -17,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.search_space import Settings, drawn_settings, settings_near, with_settings
-from agents.controllers.tuned import TUNED, WORLDS, Tunable, tunable_in
+from agents.controllers.tuned import BLIND, TUNED, WORLDS, Tunable, tunable_in, world_of
 from agents.evaluation.rollout import run_episodes
 from agents.runs.command_line import exit_code
+from agents.runs.config import env_settings
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TUNING, VALIDATION
 from rollingjoint.checked_yaml import dump_yaml, read_yaml
@@ -46,11 +49,11 @@ class Tuned:
         return {"tries": self.tries, "episodes": self.episodes, **scores, "settings": self.settings}
 
 
-def tune(env_id: str, controller: Tunable, tries: int, episodes: int, seed: int = 0, say: Any = None) -> Tuned:
+def tune(env: EnvConfig, controller: Tunable, tries: int, episodes: int, seed: int = 0, say: Any = None) -> Tuned:
     """Search settings of a controller in a world.
 
     Args:
-        env_id: the world.
+        env: of the world.
         controller: the one that is tuned.
         tries: number of settings.
         episodes: number of seeds, of tuning and of validation.
@@ -64,21 +67,21 @@ def tune(env_id: str, controller: Tunable, tries: int, episodes: int, seed: int 
         else:
             parents = _best(results, _PARENTS)
             settings = settings_near(controller.space, parents[rng.integers(len(parents))][1], rng)
-        results.append((last_error(env_id, controller, settings, TUNING.start, episodes), settings))
+        results.append((last_error(env, controller, settings, TUNING.start, episodes), settings))
         if say:
             say(*results[-1])
     candidates = _best(results, _VALIDATED)
-    scores = [last_error(env_id, controller, settings, VALIDATION.start, episodes) for _, settings in candidates]
+    scores = [last_error(env, controller, settings, VALIDATION.start, episodes) for _, settings in candidates]
     place = int(np.argmin(scores))
     tuning, settings = candidates[place]
     return Tuned(with_settings(controller.fixed, settings), tuning, scores[place], tries, episodes)
 
 
-def scored_again(env_id: str, controller: Tunable, entry: Mapping[str, Any], episodes: int) -> Tuned:
+def scored_again(env: EnvConfig, controller: Tunable, entry: Mapping[str, Any], episodes: int) -> Tuned:
     """The entry of a controller in a file, scored again on `episodes` seeds of tuning and of validation each."""
     settings = entry["settings"]
     tuning, validation = (
-        last_error(env_id, controller, settings, first, episodes) for first in (TUNING.start, VALIDATION.start)
+        last_error(env, controller, settings, first, episodes) for first in (TUNING.start, VALIDATION.start)
     )
     return Tuned(settings, tuning, validation, entry["tries"], episodes)
 
@@ -88,17 +91,19 @@ def _best(results: Sequence[tuple[float, Settings]], count: int) -> list[tuple[f
     return sorted(results, key=lambda result: result[0])[:count]
 
 
-def last_error(env_id: str, controller: Tunable, settings: Settings, first: int, episodes: int) -> float:
+def last_error(env: EnvConfig, controller: Tunable, settings: Settings, first: int, episodes: int) -> float:
     """Mean tip error over the last steps of the episodes of these seeds [mm]."""
     tuned = controller.make(with_settings(controller.fixed, settings))
-    results = run_episodes(EnvConfig(env_id), tuned, range(first, first + episodes))
+    results = run_episodes(env, tuned, range(first, first + episodes))
     return float(results.last_errors.mean())
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 tuned, 2 an error, 130 stopped by Ctrl-C."""
     parser = argparse.ArgumentParser(prog="python -m agents.tuning.controllers", description="Tune controllers.")
-    parser.add_argument("--world", required=True, help=f"one of {', '.join(WORLDS)}")
+    ids = ", ".join(world for world in WORLDS if not world.endswith(BLIND))
+    parser.add_argument("--world", required=True, help=f"one of {ids}, or another id with --file")
+    parser.add_argument("--file", type=Path, help="settings of its environment, YAML (default: those of the id)")
     parser.add_argument("--controller", "--opponent", action="append", help="only this one; repeatable")
     parser.add_argument(
         "--tries", type=int, default=60, help="settings that are tried, 60; 0: score what is kept again"
@@ -110,23 +115,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    env_id, world = arguments.world, tunable_in(arguments.world)
+    env = EnvConfig(arguments.world, settings=env_settings(arguments.file) if arguments.file else {})
+    world = world_of(env)
+    tunable = tunable_in(world)
     tries = as_integer("--tries", arguments.tries, 0, error=ConfigError)
     episodes = as_integer("--episodes", arguments.episodes, 1, error=ConfigError)
-    for name in arguments.controller or world:
-        as_choice("--controller", name, list(world), error=ConfigError)
-    for name in arguments.controller or world:
+    for name in arguments.controller or tunable:
+        as_choice("--controller", name, list(tunable), error=ConfigError)
+    for name in arguments.controller or tunable:
         content: Any = read_yaml(arguments.output) if arguments.output.is_file() else {}
-        stored = content.setdefault(env_id, {})
+        stored = content.setdefault(world, {})
         if tries > 0:
-            result = tune(env_id, world[name], tries, episodes, arguments.seed, _say)
+            result = tune(env, tunable[name], tries, episodes, arguments.seed, _say)
         elif name in stored:
-            result = scored_again(env_id, world[name], stored[name], episodes)
+            result = scored_again(env, tunable[name], stored[name], episodes)
         else:
             raise ConfigError("--controller", name, f"one of {list(stored)}", "It has not been tuned.")
         stored[name] = result.to_dict()
         arguments.output.write_text(dump_yaml(content), encoding="utf-8")
-        print(f"{env_id}, {name}: validation {result.validation_mm:.3f} mm, tuning {result.tuning_mm:.3f} mm")
+        print(f"{world}, {name}: validation {result.validation_mm:.3f} mm, tuning {result.tuning_mm:.3f} mm")
     return 0
 
 

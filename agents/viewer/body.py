@@ -10,7 +10,7 @@ import viser.transforms
 from numpy.typing import ArrayLike
 
 from agents.viewer.solids import Strand, frames, solids
-from rj_gym.rendering import BASE, LINK, Color, tension_color
+from rj_gym.rendering import BASE, INK, LINK, Color, tension_color
 
 
 class SceneMechanism:
@@ -56,7 +56,7 @@ class SceneMechanism:
     def _added(self, k: int, colour: Color, opacity: float) -> Any:
         solid = self.solids[k]
         count = len(solid.links)
-        colours = np.array([BASE if link == 0 else colour for link in solid.links], np.uint8)
+        colours = np.array([INK if solid.marked else BASE if link == 0 else colour for link in solid.links], np.uint8)
         return self.scene.add_batched_meshes_simple(
             f"{self.name}/links/{k}",
             solid.vertices,

@@ -8,6 +8,7 @@ from functools import cache, partial
 
 from agents.controllers import NEED_POSES
 from agents.controllers.controller import Array, Controller
+from agents.controllers.tuned import world_of
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import load_policy, shipped_policies
 from agents.policies.shipped import ShippedPolicy
@@ -66,14 +67,14 @@ def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
     key = episodes_key(env)
     policies = [policy for policy, other in _policies() if other == key]
     left_out = () if env.arguments()["config"].sees_all else NEED_POSES
-    others = [name for name in candidates(env.id) if name not in left_out]
+    others = [name for name in candidates(world_of(env)) if name not in left_out]
     learned = [
         OfferedController(
             f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name, version=version_of(p.env_id))
         )
         for p in policies
     ]
-    offered = [*learned, *(OfferedController(name, env, partial(_candidate, env.id, name)) for name in others)]
+    offered = [*learned, *(OfferedController(name, env, partial(_candidate, world_of(env), name)) for name in others)]
     return {controller.name: controller for controller in offered}
 
 
@@ -83,5 +84,5 @@ def _policies() -> list[tuple[ShippedPolicy, str]]:
     return [(policy, episodes_key(policy.environment)) for policy in shipped_policies()]
 
 
-def _candidate(env_id: str, name: str) -> Controller:
-    return candidates(env_id)[name]
+def _candidate(world: str, name: str) -> Controller:
+    return candidates(world)[name]

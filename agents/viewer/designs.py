@@ -16,6 +16,7 @@ from agents.search.pictures import RATIOS, TENSION
 from agents.search.problem import against, reference
 from rollingjoint import Equilibrium, RollingChain, solve_tensions
 from rollingjoint.checks import as_integer, as_number
+from rollingjoint.errors import InvalidInput
 
 SHOWN = 4000  # designs with a point in a scatter plot, besides the Pareto set and the archive
 KINDS = ("feasible", "archive", "Pareto set")
@@ -122,8 +123,11 @@ class Designs:
 
     @cached_property
     def reference(self) -> Design:
-        """The mechanism that the search compares with."""
+        """The mechanism that the search compares with; raises InvalidInput for a chain in space."""
         mechanism = reference(self.search.config)
+        if not isinstance(mechanism, RollingChain):
+            allowed = "a search of planar chains, which this room bends"
+            raise InvalidInput("search", self.name, allowed, "rj search prints designs of chains in space.")
         values = np.array(against(self.search.config, self.search.problem))
         return Design(words(mechanism.name or "reference"), mechanism, values)
 

@@ -65,7 +65,7 @@ class Drive:
     """
 
     def __init__(self, name: str, env: EnvConfig, controller: Controller, seed: int) -> None:
-        if not (env.is_tracking and env.is_built_in):
+        if not env.is_built_in_tracking:
             raise InvalidInput("environment", env.id, "a tracking environment of rj_gym")
         self.film, self.controller, self.over = Film(name, env, seed), as_controller(controller), False
         self._envs = cast(Any, make_vector_env(env_for(env, controller), 1))

@@ -141,7 +141,7 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
     """
     run = RunFolder.open(path)
     config = run.config()
-    if not (config.env.is_tracking and config.env.is_built_in):
+    if not config.env.is_built_in_tracking:
         raise InvalidInput("run", str(path), "a run in a tracking environment", f"Its environment is {config.env.id}.")
     config.check_unused(range(min(seeds), max(seeds) + 1))
     load_driving(run, which)

@@ -21,6 +21,7 @@ from rollingjoint import (
     CapstanFriction,
     Profile,
     RollingChain,
+    SpatialChain,
     Surface,
     WorldForce,
     solve_lengths,
@@ -72,7 +73,7 @@ class Explorer:
 
     def __init__(self, mechanism: Any, name: str = "") -> None:
         self.nominal, self.name = mechanism, name or mechanism.name or "mechanism"
-        self.flat = isinstance(mechanism, RollingChain)
+        self.flat, self.in_space = isinstance(mechanism, RollingChain), isinstance(mechanism, SpatialChain)
         self.inputs = self._neutral()
         self.mechanism = mechanism
         self.found: Any = None
@@ -128,6 +129,9 @@ class Explorer:
         if self.flat:
             parts.append(f"slip margin {self.found.slip_margins().min():.2f} N")
             parts.append(f"pressing margin {self.found.pressing_margins.min():.2f} N")
+        if self.in_space:
+            parts.append(f"tilting margin {self.found.tilting_margins.min():.2f} N")
+            parts.append(f"friction required {self.found.friction_required.max():.2f}")
         return ", ".join(parts)
 
     @property
@@ -137,7 +141,12 @@ class Explorer:
 
     @property
     def contact_arrows(self) -> Array:
-        """Contact forces on the distal links as arrows, (J, 2, 2): from, by [mm, N]; none for arms."""
+        """Contact forces on the distal links as arrows, (k, 2, d): from, by [mm, N]; none at hinges.
+
+        One at each contact of a planar chain, in space one at each end of a contact line.
+        """
+        if self.in_space and self.found.ok:
+            return self._end_arrows()
         if not self.flat or not self.found.ok:
             return np.zeros((0, 2, 2))
         tangents = self.found.contact_tangents
@@ -145,6 +154,14 @@ class Explorer:
         forces = self.found.contact_forces
         by = forces[:, :1] * tangents + forces[:, 1:] * normals
         return np.stack([self.found.contact_points, by], axis=1)
+
+    def _end_arrows(self) -> Array:
+        frames, ends = self.found.contact_frames[:, None], self.found.end_forces
+        reach = np.array([joint.line for joint in self.mechanism.joints])[:, None] * [1.0, -1.0]
+        begins = self.found.contact_points[:, None] + reach[..., None] * frames[..., 2, :]
+        axial = np.broadcast_to(0.5 * self.found.reactions[:, None, 2:3], (*reach.shape, 1))
+        forces = (np.concatenate([ends, axial], axis=-1)[..., None, :] @ frames)[..., 0, :]
+        return np.stack([begins, forces], axis=-2)[np.isfinite(reach)]
 
     @property
     def compliance(self) -> Array:

@@ -129,7 +129,7 @@ def _environment(env_id: str, settings: Mapping[str, Any]) -> EnvConfig:
     """The environment of complete plain settings."""
     values = mapping("environment.settings", settings, tuple(settings) if isinstance(settings, Mapping) else ())
     env = EnvConfig(env_id, settings={**values, "mechanism": mechanism_from_dict(values.get("mechanism"))})
-    if not (env.is_tracking and env.is_built_in):
+    if not env.is_built_in_tracking:
         raise InvalidInput("environment.id", env_id, "a tracking environment of rj_gym")
     return env
 

@@ -1,11 +1,12 @@
 """The links of a mechanism as triangles, and the lines of its tendons, for any drawing in space.
 
-A planar chain lies in the plane z = 0, each link as thick as it is drawn; arms are where their poses say.
+A planar chain lies in the plane z = 0, each link as thick as it is drawn; others are where their poses say. Links of a
+chain in space are plates between their holes, with their contact surfaces over the width of the lines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +17,16 @@ from rj_gym.tracking.render import TrackingScene
 from rollingjoint import HingeChain, Link, RollingChain, SpatialChain
 
 Array = NDArray[np.float64]
+Shape = tuple[int, Array, NDArray[np.uint32]]
+"""A link, with vertices and faces of a Solid."""
 Strand = tuple[Array, float]
 """Points of a line, (K, 3) [mm], and its tension [N]."""
 
 DEPTH = 0.16  # of a planar link, in lengths of the chain
 SIDES = 24  # of a bead
+HOLE_SIDES = 10  # of the rim of a hole
+HOLE = 0.11  # radius of the rim of a hole, in radii of the circle of the holes
+STRIP = 12  # points along a contact surface of a chain in space
 ALONG = 48  # points along each surface of a planar link
 
 
@@ -30,22 +36,29 @@ class Solid:
 
     Args:
         vertices: in the frame of the link, (V, 3) [mm]. faces: (F, 3), counter-clockwise from outside.
-        links: which ones.
+        links: which ones. marked: whether it marks holes, in a darker colour.
     """
 
     vertices: Array
     faces: NDArray[np.uint32]
     links: tuple[int, ...]
+    marked: bool = False
 
 
 def solids(mechanism: RollingChain | HingeChain | SpatialChain) -> list[Solid]:
-    """The shapes of all links that are drawn: all of a planar chain, in space the moving ones; equal ones once."""
-    shapes = _chain(mechanism) if isinstance(mechanism, RollingChain) else _tubes(mechanism)
+    """The shapes of all links that are drawn: of an arm the moving ones, of other chains all; equal ones once."""
+    if isinstance(mechanism, SpatialChain):
+        return _distinct(_plates(mechanism)) + _distinct(_rims(mechanism), marked=True)
+    return _distinct(_chain(mechanism) if isinstance(mechanism, RollingChain) else _tubes(mechanism))
+
+
+def _distinct(shapes: Iterable[Shape], marked: bool = False) -> list[Solid]:
+    """Every shape once, with the links that have it."""
     by_shape: dict[bytes, Solid] = {}
     for link, vertices, faces in shapes:
         key = vertices.tobytes()
         links = by_shape[key].links if key in by_shape else ()
-        by_shape[key] = Solid(vertices, faces, (*links, link))
+        by_shape[key] = Solid(vertices, faces, (*links, link), marked)
     return list(by_shape.values())
 
 
@@ -88,7 +101,7 @@ def strands_of(scene: TrackingScene) -> list[Strand]:
     return [(in_space(points, front(scene.mechanism)), tension) for points, tension in parts]
 
 
-def _chain(mechanism: RollingChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
+def _chain(mechanism: RollingChain) -> list[Shape]:
     return [(k, *_thick(link, DEPTH * mechanism.length)) for k, link in enumerate(mechanism.links)]
 
 
@@ -109,22 +122,64 @@ def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
     return _sharp(vertices, faces)
 
 
-def _tubes(chain: HingeChain | SpatialChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
+def _tubes(chain: HingeChain) -> list[Shape]:
     """Tubes from hole to hole."""
     radius = 0.97 * chain.hole_radius
     return [(k + 1, *_tube(radius, low, high)) for k, (low, high) in enumerate(chain.body_ends.tolist())]
 
 
-def _tube(radius: float, low: float, high: float) -> tuple[Array, NDArray[np.uint32]]:
-    turns = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
+def _plates(chain: SpatialChain) -> list[Shape]:
+    """Plates from hole to hole, and rails from there to the contact surfaces."""
+    shapes: list[Shape] = []
+    for link, outline in enumerate(chain.outlines(STRIP)):
+        plate, _ = _tube(0.97 * chain.hole_radius, outline.low, outline.high)
+        rails = [face[[0, 1, 2, 0, 2, 3]] for rail in outline.rails for face in rail]
+        shapes.append((link, *_separate(np.concatenate([plate, *rails]))))
+    return shapes
+
+
+def _rims(chain: SpatialChain) -> list[Shape]:
+    """Short tubes at the holes of all links, as far as the surface of a rail above them."""
+    size, shapes = HOLE * chain.hole_radius, []
+    for link, outline in enumerate(chain.outlines(STRIP)):
+        holes = [points[link, side] for points in chain.hole_points if link < len(points) for side in (0, 1)]
+        rims = []
+        for hole in holes:
+            levels = [hole[2], *(level for strip in outline.strips for level in _level(strip, hole))]
+            middle = 0.5 * (outline.low + outline.high)
+            outer = max(levels) if hole[2] > middle else min(levels)
+            ends = outer - 0.5 * size, outer + 0.5 * size
+            rims.append(_tube(size, *ends, HOLE_SIDES)[0] + [hole[0], hole[1], 0.0])
+        if rims:
+            shapes.append((link, *_separate(np.concatenate(rims))))
+    return shapes
+
+
+def _level(strip: Array, hole: Array) -> list[float]:
+    """z of a contact surface above or below a hole on its side of the link, if it is there."""
+    across, along = (strip[-1, 0] - strip[0, 0])[:2], (strip[0, 1] - strip[0, 0])[:2]
+    lateral, axis = across / np.linalg.norm(across), along / np.linalg.norm(along)
+    places, width = strip[:, 0, :2] @ lateral, np.sort(strip[0, :, :2] @ axis)
+    inside = places[0] <= hole[:2] @ lateral <= places[-1] and width[0] <= hole[:2] @ axis <= width[1]
+    same_side = strip[..., 2].mean() * hole[2] > 0.0
+    return [float(np.interp(hole[:2] @ lateral, places, strip[:, 0, 2]))] if inside and same_side else []
+
+
+def _tube(radius: float, low: float, high: float, sides: int = SIDES) -> tuple[Array, NDArray[np.uint32]]:
+    turns = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
     ring = radius * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     vertices = np.concatenate([in_space(ring, low), in_space(ring, high), [(0, 0, low), (0, 0, high)]])
-    k, j = np.arange(SIDES), np.roll(np.arange(SIDES), -1)
-    below, above = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
-    parts = [(k, j, k + SIDES), (j, j + SIDES, k + SIDES), (j, k, below), (k + SIDES, j + SIDES, above)]
+    k, j = np.arange(sides), np.roll(np.arange(sides), -1)
+    below, above = np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    parts = [(k, j, k + sides), (j, j + sides, k + sides), (j, k, below), (k + sides, j + sides, above)]
     return _sharp(vertices, np.concatenate([np.stack(part, axis=1) for part in parts]).astype(np.uint32))
 
 
 def _sharp(vertices: Array, faces: NDArray[np.uint32]) -> tuple[Array, NDArray[np.uint32]]:
     """The same triangles with separate corners, so that edges are not smoothed."""
-    return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.uint32).reshape(-1, 3)
+    return _separate(vertices[faces].reshape(-1, 3))
+
+
+def _separate(corners: Array) -> tuple[Array, NDArray[np.uint32]]:
+    """Triangles of corners (3 F, 3) in turn."""
+    return corners, np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)

@@ -14,11 +14,11 @@ from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
 from rollingjoint.kernels import formulas as block_formulas
-from rollingjoint.kernels.joints import BUCKET_ENDS, locate
+from rollingjoint.kernels.joints import BUCKET_ENDS, evaluate_rows_of_lanes, locate
 from rollingjoint.kernels.lanes import PHASE, RUNNING, begin_lane, factor_stiffness, hold_ends, move, newton_step
 from rollingjoint.kernels.planar_loads import evaluate_dead_loads, n_rows
 from rollingjoint.kernels.rolling import PinnedBatch, evaluate_poses, evaluate_residual
-from rollingjoint.kernels.rolling_lanes import Block, block_sizes, evaluate_joints
+from rollingjoint.kernels.rolling_lanes import Block, block_sizes
 from rollingjoint.kernels.tendons import evaluate_tendons
 from speed_rows.row import Row
 from speed_rows.sizes import Sizes
@@ -99,7 +99,7 @@ def _do_piece(block, search, batch, designs, piece):
     if piece == CELLS:
         _look_up(chain, designs, state, numbers(block.forces))
     elif piece == JOINTS:
-        evaluate_joints(chain, designs, state, as_rows(block.rows))
+        evaluate_rows_of_lanes(chain.joints, chain, designs, state, as_rows(block.rows))
     elif piece == POSES:
         evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
     elif piece == FORCES:
@@ -129,7 +129,7 @@ def _do_piece(block, search, batch, designs, piece):
 
 @part(inline=True)
 def _look_up(chain, designs, state, places):
-    """What evaluate_joints does before it reads the table."""
+    """What evaluate_rows_of_lanes does before it reads the table."""
     angle, cells = numbers(state.angle), of_width(chain.cells, 4)
     joints, buckets = of_width(chain.joints, 3), of_width(chain.buckets, BUCKET_ENDS)
     for i in range(angle.shape[0]):

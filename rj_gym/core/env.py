@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, SupportsFloat
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,6 +23,21 @@ from rj_gym.core.task import ObservedError, Task
 from rollingjoint.errors import InvalidInput
 
 _ALONE = np.zeros(1, np.int64)
+
+
+class EpisodeSpec:
+    """The attribute `spec` of environments: as Gymnasium sets it, but with the length of an episode.
+
+    Episodes are ended by the environments themselves, so that ids are registered without a TimeLimit.
+    """
+
+    def __get__(self, env: Any, owner: type | None = None) -> EnvSpec | None:
+        return None if env is None else env.__dict__.get("spec")
+
+    def __set__(self, env: Any, spec: EnvSpec | None) -> None:
+        if spec is not None and spec.max_episode_steps is None:
+            spec = replace(spec, max_episode_steps=env.config.episode_steps)
+        env.__dict__["spec"] = spec
 
 
 class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -40,6 +57,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     task_class: ClassVar[Callable[[Any], Task]]
     buffer: ClassVar[type[EpisodeBuffer]]
     goal: ClassVar[bool] = False
+    spec = EpisodeSpec()
 
     def __init__(
         self,

@@ -70,6 +70,15 @@ def spread_info(info: Mapping[str, Any], rows: NDArray[np.int64], count: int) ->
     }
 
 
+def put_info(info: dict[str, Any], other: Mapping[str, Any], rows: NDArray[np.int64]) -> None:
+    """Copy these lanes of another info with the same entries into an info."""
+    for key, value in other.items():
+        if isinstance(value, dict):
+            put_info(info[key], value, rows)
+        else:
+            info[key][rows] = value[rows]
+
+
 def unmasked_info(infos: Mapping[str, Any]) -> dict[str, Any]:
     """Infos without their `_key` masks, in fresh arrays."""
     return {

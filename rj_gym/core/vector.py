@@ -26,12 +26,13 @@ from rj_gym.core.arguments import (
     used_alone,
 )
 from rj_gym.core.columns import REWARD, STEP, TIP
-from rj_gym.core.env import TaskEnv
+from rj_gym.core.env import EpisodeSpec, TaskEnv
 from rj_gym.core.generators import Generators, check_generator_states, generator_states, set_generator_states
-from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.core.info import masked_info, put_info, spread_info, unmasked_info, whole_info
 from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
 from rj_gym.core.task import ObservedError
+from rollingjoint.checks import as_boolean
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -61,6 +62,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     scalar: ClassVar[type[TaskEnv]]
+    spec = EpisodeSpec()
 
     def __init__(
         self,
@@ -87,6 +89,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._generators = Generators([None] * self.num_envs)
         self._buffer = self.scalar.buffer(self.task, self.num_envs, self.goal)
         self._begun = False
+        self._kept: list[Any] = []  # options of every lane, if some are kept
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
 
@@ -120,20 +123,27 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         Args:
             seed: lane i gets seed + i; or one seed per lane, None leaving a lane's random numbers as they are.
             options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes
-                to reset.
+                to reset; "lanes": a sequence with the options of every lane, in place of the same for all (lanes with
+                one object begin together, which is faster); "keep": true, if options hold, too, for the episodes that
+                these lanes begin themselves, until they are reset (not part of `get_state`).
         Raises:
             InvalidInput: seeds or options that cannot be used; the state is unchanged then.
         """
         fixed_options = dict(options or {})
         mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
-        fixed = self.task.checked_options(fixed_options)
+        keep = as_boolean("options['keep']", fixed_options.pop("keep", False))
+        fixed = self._checked_options(fixed_options)
+        before = self._buffer.get_state() if self._begun and len(_groups(fixed)) > 1 else None
         replaced = self._seed(checked_seeds(seed, self.num_envs), mask)
         try:
             sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
         except InvalidInput:
             for lane, rng in replaced.items():
                 self._generators[lane] = rng
+            if before is not None:
+                self._buffer.set_state(before)
             raise
+        self._keep(fixed, mask, keep)
         if not mask.all():
             vectors = self._buffer.observe()
         readings = self._buffer.readings.copy()
@@ -259,8 +269,45 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
                 self._generators[lane] = seeding.np_random(seed)[0]
         return replaced
 
-    def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
-        """New episodes in these lanes: info["sampled"], spread over all lanes, and the vectors of these lanes."""
+    def _checked_options(self, options: dict[str, Any]) -> list[Any]:
+        """Checked options of every lane; lanes that share an object share the checked one, too."""
+        lanes = options.pop("lanes", None)
+        if lanes is None:
+            return [self.task.checked_options(options)] * self.num_envs
+        allowed = f"a sequence of {self.num_envs} options, one per lane, and no others beside it"
+        if not isinstance(lanes, Sequence) or len(lanes) != self.num_envs or options:
+            raise InvalidInput("options['lanes']", lanes, allowed)
+        checked = {id(lane): self.task.checked_options(lane) for lane in lanes}
+        return [checked[id(lane)] for lane in lanes]
+
+    def _keep(self, fixed: Sequence[Any], mask: Mask, keep: bool) -> None:
+        """Keep options of the lanes in a mask for later episodes, or forget kept ones."""
+        if keep or self._kept:
+            before = self._kept or [None] * self.num_envs
+            self._kept = [new if keep else None for new in fixed]
+            for lane in np.flatnonzero(~mask).tolist():
+                self._kept[lane] = before[lane]
+
+    def _begin(self, rows: NDArray[np.int64], fixed: Sequence[Any] | None = None) -> tuple[dict[str, Any], Vectors]:
+        """New episodes in these lanes: info["sampled"], spread over all lanes, and the vectors of these lanes.
+
+        fixed: checked options of every lane; None: the kept ones.
+        """
+        lanes = self._kept if fixed is None else fixed
+        if not lanes:
+            return self._begin_alike(rows, None)
+        groups = _groups([lanes[row] for row in rows])
+        if len(groups) == 1:
+            return self._begin_alike(rows, lanes[rows[0]])
+        parts = [(places, *self._begin_alike(rows[places], lanes[rows[places[0]]])) for places in groups]
+        sampled, vectors = parts[0][1], np.empty((len(rows), parts[0][2].shape[1]), np.float32)
+        for places, own_sampled, own_vectors in parts:
+            put_info(sampled, own_sampled, rows[places])
+            vectors[places] = own_vectors
+        return sampled, vectors
+
+    def _begin_alike(self, rows: NDArray[np.int64], fixed: Any) -> tuple[dict[str, Any], Vectors]:
+        """`_begin` with the same options in all of these lanes."""
         rngs = self._generators if len(rows) == self.num_envs else self._generators.of(rows)
         sampled, vectors = self._buffer.restart(rows, rngs, fixed)
         return spread_info(sampled, rows, self.num_envs), vectors
@@ -334,6 +381,14 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         steps = int(self._buffer.readings[lane, STEP])
         trail = self._trail or [self._tips(self._buffer.readings)]
         return self._buffer.scene(np.array(trail)[-(steps + 1) :, lane], lane)
+
+
+def _groups(values: Sequence[Any]) -> list[NDArray[np.int64]]:
+    """The places of values that are one object, a group per object."""
+    places: dict[int, list[int]] = {}
+    for place, value in enumerate(values):
+        places.setdefault(id(value), []).append(place)
+    return [np.array(alike, np.int64) for alike in places.values()]
 
 
 class GoalTaskVectorEnv(TaskVectorEnv):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -125,10 +125,7 @@ class ActuationConfig(Settings):
 
     def __post_init__(self) -> None:
         for name, high in (("play_mm", LARGEST_PLAY), ("sheath_friction", LARGEST_SHEATH)):
-            value = getattr(self, name)
-            if not isinstance(value, Sequence | np.ndarray):
-                self._set(name, (value, value))
-            self._check(as_range, name, low=0.0, high=high)
+            self._check(_as_spread, name, low=0.0, high=high)
         if self.rate_limit_mm is not None:
             self._check(as_number, "rate_limit_mm", low=1e-6)
         self._check(as_integer, "delay", low=0, high=LONGEST_DELAY)
@@ -136,14 +133,23 @@ class ActuationConfig(Settings):
         self._check(as_choice, "limit_at", choices=LIMITS)
         self._check(as_number, "current_resolution", low=0.0, high=100.0)
         if self.tension_limit is not None:
-            if not isinstance(self.tension_limit, Sequence | np.ndarray):
-                self._set("tension_limit", (self.tension_limit, self.tension_limit))
-            self._check(as_range, "tension_limit", low=1e-3, high=LARGEST_LIMIT, unit="N")
+            self._check(_as_spread, "tension_limit", low=1e-3, high=LARGEST_LIMIT, unit="N")
 
     @property
     def limits_vary(self) -> bool:
         """Whether upper limits of tension have to be kept per tendon, or act at motors."""
         return self.tension_limit is not None or self.limit_at == "motor"
+
+
+def _as_spread(what: str, value: Any, low: float, high: float, error: type[ConfigError], unit: str = "") -> Range:
+    """A range from which numbers are drawn; of one number, the range that holds it alone."""
+    if not isinstance(value, Sequence | np.ndarray):
+        value = (value, value)
+    if np.shape(value) == (1,) and not isinstance(value, str):
+        only = as_number(what, value[0], low, high, error=error)
+        allowed = f"a number or two, (low, high) [{unit}]" if unit else "a number or two, (low, high)"
+        raise error(what, value, allowed, f"Write {only:g} or ({only:g}, {only:g}).")
+    return as_range(what, value, low, high, unit=unit, error=error)
 
 
 def checked_lags(value: object) -> int | tuple[int, ...]:

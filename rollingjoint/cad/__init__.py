@@ -1,5 +1,7 @@
 """Manufacturing files of mechanisms: outlines as DXF and SVG, bodies as STL, an assembly drawing as PDF or PNG.
 
+Chains in space have STL alone, of every link and of the assembly.
+
 The packages that write these files are imported when a file is written: pip install "rollingjoint[cad]".
 
 Modules:
@@ -15,6 +17,9 @@ Modules:
     sampling: surfaces as polylines within a tolerance.
     sheet: a sheet of paper in mm.
     solid: bodies as STL.
+    space_body: bodies of the links of chains in space.
+    space_files: their files.
+    space_solid: their bodies as STL.
     tables: the tables of the assembly drawing.
 """
 
@@ -23,5 +28,18 @@ from rollingjoint.cad.channel import Channel
 from rollingjoint.cad.drawing import assembly_drawing
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.files import FORMATS, export
+from rollingjoint.cad.space_body import SpatialBody, spatial_bodies
+from rollingjoint.cad.space_solid import spatial_solid
 
-__all__ = ["FORMATS", "Body", "Channel", "Fabrication", "assembly_drawing", "bodies", "export"]
+__all__ = [
+    "FORMATS",
+    "Body",
+    "Channel",
+    "Fabrication",
+    "SpatialBody",
+    "assembly_drawing",
+    "bodies",
+    "export",
+    "spatial_bodies",
+    "spatial_solid",
+]

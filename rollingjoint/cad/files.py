@@ -13,12 +13,15 @@ from rollingjoint.cad.drawing import write_drawing
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes, write_dxf, write_svg
 from rollingjoint.cad.solid import write_stl
+from rollingjoint.cad.space_files import assemble_in_space, writers_in_space
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.errors import InvalidInput, naming
 
 FORMATS = ("dxf", "svg", "stl", "pdf", "png")
-"""Formats of `export`: plane files, solids, and the assembly drawing in two forms."""
+"""Formats of `export`: plane files, solids, and the assembly drawing in two forms. Chains in space have STL alone."""
 
 DEFAULT_FORMATS = ("dxf", "svg", "stl")
 
@@ -26,7 +29,7 @@ _PART = ("part", "same as", "width [mm]", "height [mm]", "thickness [mm]", "chan
 
 
 def export(
-    mechanism: RollingChain | Equilibrium,
+    mechanism: RollingChain | SpatialChain | Equilibrium | SpatialEquilibrium,
     folder: str | Path,
     formats: Iterable[str] = DEFAULT_FORMATS,
     *,
@@ -38,23 +41,24 @@ def export(
 ) -> list[Path]:
     """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, a table of identical links.
 
-    DXF, SVG and STL hold one link per file, in its frame, in mm; DXF, SVG, PDF and PNG also the assembly.
+    DXF, SVG and STL hold one link per file, in its frame, in mm; DXF, SVG, PDF and PNG also the assembly, of chains in
+    space STL.
 
     Args:
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
         folder: created if missing; its parent must exist.
-        formats: some of FORMATS.
+        formats: some of FORMATS; unless given, those of DEFAULT_FORMATS that there are.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
         overwrite: replace existing files.
     Raises:
         MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
-        InvalidInput: unknown formats, numbers beyond their range, existing files, a missing package.
+        InvalidInput: an arm, unknown formats, plane files of a chain in space, numbers beyond their range,
+            existing files, a missing package.
         SolverError: an equilibrium that is not usable.
         OSError: a folder that cannot be written.
     """
-    chosen_formats, target = _checked_formats(formats), Path(folder)
-    assembly = assemble(mechanism, Fabrication(thickness, channel_diameter, tolerance, wall))
-    writers = dict(_writers(assembly, chosen_formats))
+    target, making = Path(folder), Fabrication(thickness, channel_diameter, tolerance, wall)
+    writers = dict(_writers_of(mechanism, making, formats))
     _check_free(target, writers, overwrite)
     with tempfile.TemporaryDirectory(prefix=".export-", dir=target if target.is_dir() else target.parent) as place:
         for name, write in writers.items():
@@ -62,6 +66,20 @@ def export(
                 write(Path(place, name))
         target.mkdir(exist_ok=True)
         return [Path(place, name).replace(target / name) for name in writers]
+
+
+def _writers_of(
+    mechanism: RollingChain | SpatialChain | Equilibrium | SpatialEquilibrium,
+    making: Fabrication,
+    formats: Iterable[str],
+) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """File names with the writer of each."""
+    names = _checked_formats(formats)
+    if not isinstance(mechanism, SpatialChain | SpatialEquilibrium):
+        return _writers(assemble(mechanism, making), names)
+    if formats != DEFAULT_FORMATS and names != ["stl"]:
+        raise InvalidInput("formats", names, "stl, the one format of chains in space")
+    return writers_in_space(assemble_in_space(mechanism, making))
 
 
 def _checked_formats(formats: Iterable[str]) -> list[str]:

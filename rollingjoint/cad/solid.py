@@ -12,7 +12,7 @@ from rollingjoint.cad.channel import Channel
 from rollingjoint.cad.packages import package
 from rollingjoint.errors import MechanismError
 
-_TURNS = (0.5, 0.31, 0.17, 0.43)  # tried in turn: a channel's corner on an edge of the outline leaves no closed body
+TURNS = (0.5, 0.31, 0.17, 0.43)  # tried in turn: a channel's corner on an edge of the outline leaves no closed body
 
 
 def solid(body: Body, tolerance: float = 1e-3) -> Any:
@@ -26,7 +26,7 @@ def solid(body: Body, tolerance: float = 1e-3) -> Any:
     Raises:
         MechanismError: corners too close for a closed body with 32 bits.
     """
-    for turn in _TURNS:
+    for turn in TURNS:
         mesh = _cut(body, tolerance, turn)
         if mesh.is_watertight:
             return mesh

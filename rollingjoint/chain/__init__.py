@@ -3,6 +3,7 @@
 Modules:
     batch: batches solved into arrays that the caller keeps.
     chain: the base class of all mechanisms, and the interface that each class fills in.
+    contact_line: demands of a contact line on friction and on teeth.
     equilibrium: results of solves, of either class.
     file: the content of mechanism files.
     friction_step: results of friction in a step, and the history with which it begins.
@@ -14,6 +15,7 @@ Modules:
     rolling: links that roll on each other, and the arrays that kernels read.
     se3: spatial rigid-body motions.
     solution: the base class of all equilibria.
+    space_outline: outlines of links in space, for any drawing.
     spatial: chains in space: links, and the arrays that kernels read.
     spatial_equilibrium: their equilibria and reactions.
     spatial_joints: their joints.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain import se3
 from rollingjoint.chain.solution import Solution, lazy_fields
 from rollingjoint.chain.stacks import distinct
+from rollingjoint.checks import as_friction
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.rolling import arc_lengths_of
 from rollingjoint.tables import Column
@@ -95,7 +96,7 @@ class Equilibrium(Solution):
 
     def slip_margins(self, friction: float = 0.3) -> Array:
         """(n - 1,) friction × normal - |tangential| contact force [N]: negative means that the links would slip."""
-        return friction * self.contact_forces[..., 1] - np.abs(self.contact_forces[..., 0])
+        return as_friction(friction) * self.contact_forces[..., 1] - np.abs(self.contact_forces[..., 0])
 
     def link_columns(self) -> list[Column]:
         """Poses of the links of one equilibrium, for reports."""

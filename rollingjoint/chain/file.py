@@ -12,7 +12,7 @@ from rollingjoint.chain.hinge import AXES, Bead, HingeChain
 from rollingjoint.chain.rolling import Link, RollingChain
 from rollingjoint.chain.spatial import SpatialChain, SpatialLink
 from rollingjoint.chain.spatial_joints import SpatialJoint
-from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Hole, OnSurface, SpaceTendon, Tendon, Triple
+from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Hole, OnSurface, SpaceTendon, Tendon
 from rollingjoint.checked_yaml import (
     located,
     mapping,
@@ -25,6 +25,7 @@ from rollingjoint.checked_yaml import (
     text,
     whole_number,
 )
+from rollingjoint.checks import Triple
 from rollingjoint.errors import ConfigError
 from rollingjoint.friction import CapstanFriction, friction_from_dict, friction_to_dict
 from rollingjoint.load import SPRINGS, Load

@@ -8,18 +8,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import joint_table
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
-from rollingjoint.chain.hinge import checked_load_table, with_values
+from rollingjoint.chain.hinge import HingeChain, checked_load_table, with_values
+from rollingjoint.chain.space_outline import SpatialOutline, rail
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
-from rollingjoint.chain.spatial_joints import SpatialJoint, Triple
+from rollingjoint.chain.spatial_joints import PointHinge, SpatialJoint
 from rollingjoint.chain.tendon import SpaceTendon
-from rollingjoint.checks import as_floats, as_number
+from rollingjoint.checks import Triple, as_floats, as_number
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
 from rollingjoint.kernels.contact_lanes import memory_alone, solve_contacts_alone, solve_contacts_pinned
@@ -77,8 +78,8 @@ class SpatialChain(Chain[SpatialEquilibrium]):
             where it is given a history.
         springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
     Raises:
-        MechanismError: surfaces that cannot roll on each other, holes that cross, wrong counts, springs on links that
-            do not exist.
+        MechanismError: surfaces that cannot roll on each other, holes that cross or are swapped, wrong counts, springs
+            on links that do not exist.
     Source: docs/theory.md, section 11.
     """
 
@@ -116,7 +117,46 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         for number, joint in enumerate(self.joints):
             joint.check(number)
         object.__setattr__(self, "springs", self._checked_springs())
+        self._check_channels()
         self.joint_limits  # noqa: B018  (holes that cross are refused here)
+
+    def _check_channels(self) -> None:
+        """Raise MechanismError where a tendon runs through a link towards the base: its holes are swapped."""
+        for tendon, points in enumerate(self.hole_points):
+            for link, (parent, child) in enumerate(points):
+                if child[2] < parent[2]:
+                    raise MechanismError(
+                        f"rise of tendon {tendon} from parent to child hole in link {link}",
+                        float(child[2] - parent[2]),
+                        "0 or more [mm]: a tendon enters a link at its parent hole, on the side of the base",
+                        "Swap the holes.",
+                    )
+
+    @classmethod
+    def from_arm(cls, arm: HingeChain) -> SpatialChain:
+        """An arm of beads as a chain of hinges in space, with the same equilibria.
+
+        Raises:
+            MechanismError: tendons of another model than "exact".
+        """
+        if arm.model != "exact":
+            raise MechanismError("tendon model", arm.model, "exact, the one of chains in space")
+        joints, links = [], [SpatialLink()]
+        for bead, limits in zip(arm.beads, arm.joint_limits.tolist(), strict=True):
+            spring = bead.stiffness, bead.rest_angle
+            joints.append(
+                PointHinge(cast(Triple, bead.axis), (0.0, 0.0, 0.0), (0.0, 0.0, -bead.spacing), *spring, limits)
+            )
+            links.append(SpatialLink(bead.weight, (0.0, 0.0, -0.5 * bead.spacing)))
+        gaps = [*(bead.gap for bead in arm.beads), arm.beads[-1].gap]
+        lower = [-0.5 * gaps[0], *(0.5 * bead.gap - bead.spacing for bead in arm.beads)]  # a tendon begins at a hinge
+        tendons = []
+        for tendon in arm.tendons:
+            holes = [
+                ((x, y, lower[k]), (x, y, -0.5 * gaps[k])) for k, (x, y) in enumerate(tendon.link_holes(arm.n_links))
+            ]
+            tendons.append(SpaceTendon(holes, tendon.end, tendon.stiffness, tendon.friction))
+        return cls(joints, tendons, links, arm.name, arm.friction, arm.springs)
 
     @property
     def n_links(self) -> int:
@@ -176,6 +216,20 @@ class SpatialChain(Chain[SpatialEquilibrium]):
             heights = [height for points in self.hole_points if len(points) > k for height in points[k, :, 2].tolist()]
             ends[k - 1] = min(heights, default=0.0), max(heights, default=0.0)
         return read_only(ends)
+
+    def outlines(self, count: int = 9) -> list[SpatialOutline]:
+        """What is drawn of every link, base first, with contact surfaces of `count` places along their curves."""
+        strips: list[list[Array]] = [[] for _ in range(self.n_links)]
+        for i, joint in enumerate(self.joints):
+            for link, strip in zip((i, i + 1), joint.strips(count), strict=False):
+                strips[link].append(strip)
+        outlines = []
+        for link, surfaces in enumerate(strips):
+            heights = [z for points in self.hole_points if link < len(points) for z in points[link, :, 2].tolist()]
+            low, high = min(heights, default=0.0), max(heights, default=0.0)
+            rails = [rail(strip, low, high) for strip in surfaces]
+            outlines.append(SpatialOutline(low, high, surfaces, rails))
+        return outlines
 
     @cached_property
     def axes(self) -> Array:

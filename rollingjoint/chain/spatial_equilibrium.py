@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.contact_line import least_friction, least_tooth_force
 from rollingjoint.chain.equilibrium import EquilibriumInSpace
 from rollingjoint.chain.solution import lazy_fields
 from rollingjoint.chain.stacks import distinct
+from rollingjoint.checks import as_friction, as_number
 from rollingjoint.tables import Column
 
 if TYPE_CHECKING:
@@ -19,29 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-
-def least_friction(normal: Array, side: Array, axial: Array) -> Array:
-    """Smallest coefficient of friction with which two point contacts carry their forces; inf where one of them lifts.
-
-    A line contact carries a reaction by some pressure and friction along it if and only if two contacts at its ends do.
-
-    Args:
-        normal, side: force of each contact along the normal and the tangent, (..., 2) [N].
-        axial: force along the line, shared by both, (...) [N].
-    Source: docs/theory.md, section 11: the root of |axial| = sum of sqrt(mu² normal² - side²).
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        alpha, beta, c = normal**2, side**2, axial**2
-        low = np.max(beta / alpha, axis=-1)
-        room = np.sqrt(np.maximum(low[..., None] * alpha - beta, 0.0)).sum(axis=-1)
-        (first, second), (b, d) = np.moveaxis(alpha, -1, 0), np.moveaxis(beta, -1, 0)
-        sum_of_sides = c + b + d
-        A = (first - second) ** 2
-        B = 2.0 * (first + second) * sum_of_sides - 4.0 * (first * d + second * b)
-        C = sum_of_sides**2 - 4.0 * b * d
-        root = 2.0 * C / (B + np.sqrt(np.maximum(B**2 - 4.0 * A * C, 0.0)))
-        squared = np.where(np.abs(axial) <= room, low, np.maximum(root, low))
-        return np.where(np.all(normal > 0.0, axis=-1), np.sqrt(squared), np.inf)
+FRICTION = 0.3  # of links on links
+PRESSURE_ANGLE = float(np.radians(20.0))  # of the flanks of teeth [rad]
 
 
 @lazy_fields(contact_points="contacts", reactions="reactions")
@@ -79,6 +60,8 @@ class SpatialEquilibrium(EquilibriumInSpace):
             Column("reaction", "", self.reactions),
             Column("tilting_margin_N", "tilting margin [N]", self.tilting_margins),
             Column("slip_margin_N", "slip margin [N]", self.slip_margins(friction)),
+            Column("tooth_force_N", "", self.tooth_forces(friction)),
+            Column("strap_forces_N", "", self.strap_forces),
         ]
 
     def figures(self, friction: float) -> dict[str, Any]:
@@ -91,9 +74,24 @@ class SpatialEquilibrium(EquilibriumInSpace):
         return self._bounded(self.reactions[..., 1])
 
     @property
+    def end_forces(self) -> Array:
+        """(n - 1, 2, 2) of two point contacts that carry what the line does, along tangent and normal [N].
+
+        At half_width and -half_width along the axis; they share the axial force. NaN at hinges.
+        """
+        along, pressing, about_tangent, about_normal = (self.reactions[..., k] for k in (0, 1, 3, 4))
+        tilt, twist = about_tangent / self._half_widths, about_normal / self._half_widths
+        side, normal = (
+            np.stack([along + twist, along - twist], axis=-1),
+            np.stack([pressing - tilt, pressing + tilt], -1),
+        )
+        finite = np.isfinite(self._half_widths)[..., None, None]
+        return np.where(finite, 0.5 * np.stack([side, normal], axis=-1), np.nan)
+
+    @property
     def tilting_margins(self) -> Array:
         """(n - 1,) twice the smaller force at an end of the contact line [N]: negative means that this end lifts."""
-        return self._bounded(2.0 * self._ends[0].min(axis=-1))
+        return self._bounded(2.0 * self.end_forces[..., 1].min(axis=-1))
 
     @property
     def centres_of_pressure(self) -> Array:
@@ -113,13 +111,67 @@ class SpatialEquilibrium(EquilibriumInSpace):
 
         inf where an end of the line lifts; 0 at hinges. Source: docs/theory.md, section 11.
         """
-        normal, side = self._ends
+        side, normal = np.moveaxis(self.end_forces, -1, 0)
         required = least_friction(normal, side, self.reactions[..., 2])
         return np.where(np.isfinite(self._half_widths), required, 0.0)
 
-    def slip_margins(self, friction: float = 0.3) -> Array:
+    def slip_margins(self, friction: float = FRICTION) -> Array:
         """(n - 1,) (friction - friction_required) × normal force [N]: negative means that the links would slip."""
+        friction = as_friction(friction)
         return self._bounded((friction - self.friction_required) * np.abs(self.reactions[..., 1]))
+
+    def tooth_forces(self, friction: float = FRICTION, shoulders: bool = True) -> Array:
+        """(n - 1,) force in the contact plane that teeth at each end of the line have to carry beside friction [N].
+
+        0 where friction holds, and at hinges.
+
+        Args:
+            friction: coefficient of the surfaces beside the teeth; 0: the teeth carry everything.
+            shoulders: teeth hold along the axis, too, as pins or teeth between shoulders do; spur teeth and straps that
+                cross from surface to surface do not: inf where friction cannot hold the axial force.
+        Source: docs/theory.md, section 11.
+        """
+        side, normal = np.moveaxis(self.end_forces, -1, 0)
+        least = least_tooth_force(normal, side, self.reactions[..., 2], as_friction(friction), shoulders)
+        return np.where(np.isfinite(self._half_widths), least, 0.0)
+
+    def tooth_margins(self, pressure_angle: float = PRESSURE_ANGLE) -> Array:
+        """(n - 1,) normal force at the end pressed less that remains when spur teeth carry all tangential force [N].
+
+        Teeth push each other apart. Negative means that they climb out of mesh.
+
+        Args:
+            pressure_angle: of the flanks, from 0 to below π/2 [rad].
+        Source: docs/theory.md, section 11.
+        """
+        allowed = "0 or more, below π/2 [rad]"
+        angle = as_number("pressure_angle", pressure_angle, 0.0, np.nextafter(0.5 * np.pi, 0.0), allowed=allowed)
+        side, normal = np.moveaxis(self.end_forces, -1, 0)
+        return self._bounded((normal - np.abs(side) * np.tan(angle)).min(axis=-1))
+
+    @property
+    def strap_forces(self) -> Array:
+        """(n - 1, 2) tension across the contact that keeps each end of its line from lifting, along the normal [N].
+
+        At half_width and -half_width along the axis. 0 where an end is pressed, and at hinges.
+        Source: docs/theory.md, section 11.
+        """
+        return np.where(np.isfinite(self._half_widths)[..., None], np.maximum(-self.end_forces[..., 1], 0.0), 0.0)
+
+    @property
+    def contact_frames(self) -> Array:
+        """(n - 1, 3, 3) tangent of the child surface, normal and axis in the base frame, the directions of reactions.
+
+        At hinges they are those of the joint's frame at angle 0.
+        """
+        (_, designs), angles = self._designs, self._rows(self.joint_angles)
+        frames = np.empty((*angles.shape, 3, 3))
+        for design, chain in enumerate(self._chains):
+            rows = designs == design
+            for i, joint in enumerate(chain.joints):
+                frames[rows, i] = joint.contact_frames(angles[rows, i])
+        frames = frames.reshape(*self.joint_angles.shape, 3, 3)
+        return np.asarray(frames @ np.swapaxes(self.rotations[..., :-1, :, :], -1, -2))
 
     @cached_property
     def _half_widths(self) -> Array:
@@ -131,14 +183,6 @@ class SpatialEquilibrium(EquilibriumInSpace):
     def _chains(self) -> tuple[SpatialChain, ...]:
         """The distinct chains, which `_designs` numbers."""
         return distinct(self.mechanism) if isinstance(self.mechanism, tuple) else (self.mechanism,)
-
-    @property
-    def _ends(self) -> tuple[Array, Array]:
-        """Normal and tangential forces at both ends of the contact lines that carry the reactions, (n - 1, 2) [N]."""
-        along, pressing, about_tangent, about_normal = (self.reactions[..., k] for k in (0, 1, 3, 4))
-        tilt, twist = about_tangent / self._half_widths, about_normal / self._half_widths
-        normal = 0.5 * np.stack([pressing - tilt, pressing + tilt], axis=-1)
-        return normal, 0.5 * np.stack([along + twist, along - twist], axis=-1)
 
     def _bounded(self, margins: Array) -> Array:
         """The margins of contacts, inf at hinges."""

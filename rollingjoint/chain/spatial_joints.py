@@ -22,10 +22,15 @@ from rollingjoint.kernels.joints import CLOSED_GAP, N_COEFFICIENTS
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 _ALONG_Z = 1e-9  # of an axis: its part across z, below which the lateral direction is x
 _LARGEST_CELL = 0.2  # rad; sine and cosine are polynomials of degree 9 there, to rounding
+
+
+def _as_angle(what: str, value: object) -> float:
+    """The value as a float; MechanismError unless it is an angle of one turn at most, which degrees rarely are."""
+    allowed = "an angle in radians, from -2π to 2π"
+    return as_number(what, value, -2.0 * np.pi, 2.0 * np.pi, allowed=allowed, error=MechanismError)
 
 
 class SpatialJoint(ABC):
@@ -44,7 +49,7 @@ class SpatialJoint(ABC):
     def _check_spring(self, name: str) -> None:
         """Raise MechanismError for a wrong spring; hold plain numbers."""
         stiffness = as_number(f"{name} stiffness", self.stiffness, 0.0, allowed="0 or more", error=MechanismError)
-        rest_angle = as_number(f"{name} rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        rest_angle = _as_angle(f"{name} rest_angle", self.rest_angle)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "rest_angle", rest_angle)
 
@@ -99,6 +104,17 @@ class SpatialJoint(ABC):
         """Contact arc lengths at joint angles, any shape [mm, rad]; NaN where no surfaces roll."""
         return np.full(np.shape(angles), np.nan)
 
+    def strips(self, count: int) -> list[Array]:
+        """Its contact surfaces over the width of the line, on the link below and on the link above; none without.
+
+        Each (count, 2, 3) in the frame of its link [mm]: places along the curve, the ends of the line there.
+        """
+        return []
+
+    def contact_frames(self, angles: Array) -> Array:
+        """Tangent and normal of the contact, and the axis, in the link below at joint angles (...,), (..., 3, 3)."""
+        return np.broadcast_to(self.frame, (*np.shape(angles), 3, 3))
+
 
 @dataclass(frozen=True)
 class RollingContact(SpatialJoint):
@@ -114,7 +130,8 @@ class RollingContact(SpatialJoint):
         stiffness: of a torsion spring [N·mm/rad].
         rest_angle: where the spring carries no moment [rad].
     Raises:
-        MechanismError: no Surface, a half_width or a stiffness that is not possible, numbers that are not finite.
+        MechanismError: no Surface, a half_width or a stiffness that is not possible, angles beyond 2π, numbers that are
+            not finite.
     """
 
     azimuth: float
@@ -129,11 +146,9 @@ class RollingContact(SpatialJoint):
         for side in ("parent", "child"):
             if not isinstance(getattr(self, side), Surface):
                 raise MechanismError(f"contact {side}", getattr(self, side), "a Surface")
-        for name, unit in (("azimuth", "rad"), ("middle", "mm")):
-            value = as_number(
-                f"contact {name}", getattr(self, name), allowed=f"a number [{unit}]", error=MechanismError
-            )
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "azimuth", _as_angle("contact azimuth", self.azimuth))
+        middle = as_number("contact middle", self.middle, allowed="a number [mm]", error=MechanismError)
+        object.__setattr__(self, "middle", middle)
         half_width = as_positive("contact half_width", self.half_width, "a positive number [mm]", MechanismError)
         object.__setattr__(self, "half_width", half_width)
         self._check_spring("contact")
@@ -199,6 +214,21 @@ class RollingContact(SpatialJoint):
         powers = u[..., None] ** np.arange(N_COEFFICIENTS)
         return np.clip((table.arc_coefficients[cell] * powers).sum(axis=-1), *self.limits)
 
+    def contact_frames(self, angles: Array) -> Array:
+        """Tangent and normal of the contact, and the axis, in the link below at joint angles (...,), (..., 3, 3)."""
+        slopes = self.child.tangent_angle(self.arc_lengths(angles))[..., None]
+        lateral, axial, axis = self.frame
+        tangents = np.cos(slopes) * lateral + np.sin(slopes) * axial
+        return np.stack([tangents, np.cross(axis, tangents), np.broadcast_to(axis, tangents.shape)], axis=-2)
+
+    def strips(self, count: int) -> list[Array]:
+        """Its contact surfaces over the width of the line, on the links below and above, (count, 2, 3) [mm]."""
+        curves = (side.point(np.linspace(*side.limits, count)) for side in (self.child, self.parent))
+        ends = self.middle - self.half_width, self.middle + self.half_width
+        return [
+            np.stack([np.insert(curve, 2, along, axis=1) @ self.frame for along in ends], axis=1) for curve in curves
+        ]
+
     def _angle(self, s: float) -> float:
         return float(self.child.tangent_angle(s) - self.parent.tangent_angle(s))
 
@@ -214,7 +244,8 @@ class PointHinge(SpatialJoint):
         rest_angle: where the spring carries no moment [rad]. The hinge is there at rest, or at the limit nearest to it.
         limits: smallest and largest angle [rad]. It ends earlier where two holes meet.
     Raises:
-        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order.
+        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order,
+            angles beyond 2π.
     """
 
     axis: Sequence[float]

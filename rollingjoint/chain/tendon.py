@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
+from rollingjoint.checks import Triple, as_floats, as_integer, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
 
@@ -23,8 +23,6 @@ class OnSurface:
 
     s: float
 
-
-Triple = tuple[float, float, float]
 
 Hole = tuple[float, float] | OnSurface
 """A hole in a link: a point (x, y) of the link frame [mm], or a point of the contact surface."""

@@ -11,12 +11,12 @@ import os
 import sys
 from collections.abc import Collection, Sequence
 from importlib import metadata
+from pathlib import Path
 from typing import NoReturn
 
 from rollingjoint.cad import command
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import PRESETS
-from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.cli import loop_command, mjcf, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
@@ -106,17 +106,21 @@ def _loop(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    if args.mjcf is not None:
-        print(mjcf.write(load_mechanism(args.mechanism), args.mjcf, args.overwrite))
-        if args.out is None:
-            return OK
-    if args.out is None:
+    mechanism = load_mechanism(args.mechanism)
+    model = None if args.mjcf is None else mjcf.model(mechanism, args.mjcf, args.overwrite)
+    if args.out is None and model is None:
         raise InvalidInput("--out", None, "a folder for manufacturing files; or --mjcf FILE.xml")
-    mechanism = load_mechanism(args.mechanism, RollingChain)
-    solution = equilibrium(args, mechanism) if actuated(args) else None
-    if solution is not None and not solution.ok:
-        return _unusable(args, solution)
-    print(*command.export_files(solution or mechanism, args), sep="\n")
+    files: list[Path] = []
+    if args.out is not None:
+        chain = command.manufactured(mechanism, args.mechanism)
+        solution = equilibrium(args, chain) if actuated(args) else None
+        if solution is not None and not solution.ok:
+            return _unusable(args, solution)
+        files = command.export_files(solution or chain, args)
+    if model is not None:
+        model.write()
+        print(model.line)
+    print(*files, sep="\n", end="\n" if files else "")
     return OK
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming
 from rollingjoint.mujoco import accuracy, mjcf
 from rollingjoint.mujoco.coupling import Slides
 from rollingjoint.mujoco.space import couplings
@@ -19,17 +20,35 @@ def add_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mjcf", type=Path, metavar="FILE.xml", help="a MuJoCo model, of a chain or an arm")
 
 
-def write(mechanism: AnyChain, path: Path, overwrite: bool) -> str:
-    """Writes the file; returns a line with its path and accuracy.
+class ModelFile(NamedTuple):
+    """A MuJoCo model that is ready to be written.
+
+    Attributes:
+        path: of the file. text: its content. line: its path and accuracy.
+    """
+
+    path: Path
+    text: str
+    line: str
+
+    def write(self) -> None:
+        """Writes the file."""
+        with naming(self.path):
+            self.path.write_text(self.text + "\n", encoding="utf-8")
+
+
+def model(mechanism: AnyChain, path: Path, overwrite: bool) -> ModelFile:
+    """The model of a mechanism, checked before anything is written.
 
     Raises:
-        InvalidInput: an existing file, or a mechanism that cannot be written.
+        InvalidInput: a folder that does not exist, an existing file, or a mechanism that cannot be written.
     """
-    text = mjcf(mechanism)
+    if path.is_dir() or not path.parent.is_dir():
+        hint = "It is a folder." if path.is_dir() else f"Create {path.parent} first."
+        raise InvalidInput("--mjcf", str(path), "a file in an existing folder", hint)
     if path.exists() and not overwrite:
         raise InvalidInput("--mjcf", str(path), "a new file", "--overwrite replaces it.")
-    path.write_text(text + "\n", encoding="utf-8")
-    return f"{path}: {_exactness(mechanism)}"
+    return ModelFile(path, mjcf(mechanism), f"{path}: {_exactness(mechanism)}")
 
 
 def _exactness(mechanism: AnyChain) -> str:

@@ -3,6 +3,7 @@
 Needs torch, which `import rollingjoint` does not load; see docs/design.md.
 
 Modules:
+    box: vectors in a box to physical numbers and back, for every design space.
     comparison: objectives of any mechanism; Pareto-optimal designs.
     curve: matrices from knot values to curvature, turning and points.
     faults: an independent check of validity.
@@ -13,7 +14,9 @@ Modules:
     objectives: bending shapes, tip travel and rotation, tendon travel.
     problem: a space, objectives and limits as a problem, and its evaluation.
     ranges: the fields of a design space, checked.
-    space: vectors to mechanisms and back.
+    space: vectors to chains in the plane and back.
+    spatial_objectives: stiffness and reach of the tip of chains in space, margins of their contact lines.
+    spatial_space: vectors to chains in space.
     sweeps: sweeps of tensions, shared by objectives.
 """
 
@@ -26,23 +29,42 @@ with naming_extras():
     from rollingjoint.design.objectives import BendingShapes, Measured, Objective, TendonTravel, TipRotation, TipTravel
     from rollingjoint.design.problem import Evaluation, Limit, Problem, Term
     from rollingjoint.design.space import DesignSpace
+    from rollingjoint.design.spatial_objectives import (
+        FrictionRequired,
+        PlacementError,
+        PressingMargin,
+        TiltingMargin,
+        TipReach,
+        TipStiffness,
+        ToothMargin,
+    )
+    from rollingjoint.design.spatial_space import SPATIAL_MARGINS, SpatialDesignSpace
 
 __all__ = [
     "MARGINS",
+    "SPATIAL_MARGINS",
     "BendingShapes",
     "DesignSpace",
     "Evaluation",
+    "FrictionRequired",
     "LateralStiffness",
     "Limit",
     "LoadCapacity",
     "Measured",
     "Objective",
     "PeakTension",
+    "PlacementError",
+    "PressingMargin",
     "Problem",
+    "SpatialDesignSpace",
     "TendonTravel",
     "Term",
+    "TiltingMargin",
+    "TipReach",
     "TipRotation",
+    "TipStiffness",
     "TipTravel",
+    "ToothMargin",
     "measure",
     "nondominated",
 ]

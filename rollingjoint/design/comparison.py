@@ -8,25 +8,30 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_floats
-from rollingjoint.design.objectives import Objective
-from rollingjoint.differentiable import DifferentiableChain
+from rollingjoint.design.objectives import Objective, check_fits
+from rollingjoint.differentiable import DifferentiableChain, DifferentiableSpatialChain
+from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.errors import InvalidInput, SolverError
 
 Array = NDArray[np.float64]
 
 
-def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
+def measure(mechanism: AnyChain, objectives: Iterable[Objective]) -> Array:
     """Values of objectives of one mechanism, which need not lie in a design space, (objectives,).
 
     Raises:
-        InvalidInput: a number of tendons or links that does not fit the objectives.
+        InvalidInput: objectives of other chains, or a number of tendons or links that does not fit them.
         SolverError: no stable equilibrium in one of their cases.
     """
-    chain = DifferentiableChain.from_mechanism([mechanism])
+    in_space = isinstance(mechanism, SpatialChain)
+    kind: type[ChainTensors] = DifferentiableSpatialChain if in_space else DifferentiableChain
+    chain = kind.from_mechanism([mechanism])
     values = []
     for objective in objectives:
+        check_fits(objective, kind)
         with torch.no_grad():
             measured = objective.measure(chain)
         if not bool(measured.ok):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, WorldForce, pair_columns
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
@@ -37,7 +38,10 @@ class Measured(NamedTuple):
 
 
 class Objective(Protocol):
-    """A number that describes a design."""
+    """A number that describes a design.
+
+    One of chains in space has an attribute `tensors` of its class: DifferentiableSpatialChain.
+    """
 
     @property
     def name(self) -> str:
@@ -51,8 +55,15 @@ class Objective(Protocol):
     def maximise(self) -> bool:
         """Whether more is better."""
 
-    def measure(self, chain: DifferentiableChain) -> Measured:
-        """The objective of every design of a chain with one leading axis."""
+    def measure(self, chain: Any) -> Measured:
+        """The objective of every design of a chain with one leading axis; its class is that of the design space."""
+
+
+def check_fits(objective: Objective, tensors: type[ChainTensors]) -> None:
+    """Raise InvalidInput unless the objective is one of such chains: in the plane, unless it says so."""
+    wanted = getattr(objective, "tensors", DifferentiableChain)
+    if wanted is not tensors:
+        raise InvalidInput("objective", objective.name, f"one of a {tensors.__name__}, not of a {wanted.__name__}")
 
 
 @dataclass(frozen=True)
@@ -85,8 +96,8 @@ class BendingShapes:
         freeze(
             self,
             tensions=tensions,
-            positions=_finite("BendingShapes positions", self.positions, (cases, None, 2)),
-            forces=_finite("BendingShapes forces", forces, (cases, 2)),
+            positions=checked_rows("BendingShapes positions", self.positions, (cases, None, 2)),
+            forces=checked_rows("BendingShapes forces", forces, (cases, 2)),
         )
 
     @classmethod
@@ -98,7 +109,7 @@ class BendingShapes:
             SolverError: the mechanism has no stable equilibrium in one of the cases.
         """
         rows = checked_tensions("BendingShapes tensions", tensions)
-        pushes = _finite(
+        pushes = checked_rows(
             "BendingShapes forces", forces if np.size(forces) else np.zeros((len(rows), 2)), (len(rows), 2)
         )
         shapes = [
@@ -232,7 +243,7 @@ def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
     return table + link
 
 
-def constant(values: ArrayLike | Rows | tuple[Rows, ...], chain: DifferentiableChain) -> Tensor:
+def constant(values: ArrayLike | Rows | tuple[Rows, ...], chain: ChainTensors) -> Tensor:
     """Numbers as a tensor on the device of a chain."""
     return torch.as_tensor(np.array(values, dtype=float), device=chain.device)
 
@@ -243,14 +254,14 @@ def checked_tensions(name: str, values: ArrayLike | Rows) -> NDArray[np.float64]
     Raises:
         InvalidInput: no row, numbers that are not finite, tendons that push, a row of slack tendons.
     """
-    rows = _finite(name, values, (None, None))
+    rows = checked_rows(name, values, (None, None))
     if (rows < 0).any() or not (rows.sum(-1) > 0).all():
         raise InvalidInput(name, values, "tensions of 0 or more [N], in every row one above 0")
     return rows
 
 
-def _finite(name: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Finite numbers of a shape, where None is any size but 0."""
+def checked_rows(name: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
+    """Finite numbers of a shape, where None is any size but 0; InvalidInput for anything else."""
     sizes = ", ".join("any" if size is None else str(size) for size in shape)
     allowed = f"finite numbers of shape ({sizes}), at least one"
     numbers = as_floats(name, values, allowed)

@@ -14,12 +14,11 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
+from rollingjoint.design.box import DesignBox
 from rollingjoint.design.comparison import measure
-from rollingjoint.design.margins import MARGINS
-from rollingjoint.design.objectives import Measured, Objective
-from rollingjoint.design.space import DesignSpace
+from rollingjoint.design.objectives import Measured, Objective, check_fits
 from rollingjoint.design.sweeps import shared_sweeps
 from rollingjoint.errors import InvalidInput
 
@@ -124,10 +123,10 @@ class Problem:
         limits: limits on objectives, in addition to the margins of the space.
         penalty: of a unit of violation, above 0.
     Raises:
-        InvalidInput: neither an objective nor a limit, a penalty that is not above 0.
+        InvalidInput: neither an objective nor a limit, an objective of other chains, a penalty that is not above 0.
     """
 
-    space: DesignSpace
+    space: DesignBox
     objectives: tuple[Term, ...]
     limits: tuple[Limit, ...] = ()
     penalty: float = 10.0
@@ -137,6 +136,8 @@ class Problem:
         object.__setattr__(self, "limits", tuple(self.limits))
         if not self.objectives and not self.limits:
             raise InvalidInput("objectives", self.objectives, "at least one Term")
+        for objective in self.distinct:
+            check_fits(objective, self.space.tensors)
         as_positive("penalty", self.penalty, "a penalty above 0")
 
     @property
@@ -187,7 +188,7 @@ class Problem:
         judged = _chunked(self._with_jacobian, rows, 1)
         return _evaluation(rows, [evaluation for evaluation, _ in judged]), np.concatenate([part for _, part in judged])
 
-    def against(self, mechanism: RollingChain) -> Array:
+    def against(self, mechanism: AnyChain) -> Array:
         """Values of the objectives for a given mechanism, for comparison with designs; raises as `measure`."""
         return measure(mechanism, [term.objective for term in self.objectives])
 
@@ -211,7 +212,7 @@ class Problem:
     def _with_jacobian(self, x: Tensor) -> tuple[_EvaluationTensors, Array]:
         """Each row is repeated once per output, so that one backward pass is enough."""
         bounds = [bound for limit in self.limits for bound in (limit.low, limit.high)]
-        count = 1 + len(MARGINS) + sum(map(math.isfinite, bounds))
+        count = 1 + len(self.space.margin_names) + sum(map(math.isfinite, bounds))
         leaf = x.repeat_interleave(count, 0).requires_grad_()
         with torch.enable_grad():
             judged = self._tensors(leaf)

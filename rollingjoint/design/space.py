@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Literal, NamedTuple, TypeVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.tendon import DEFAULT_STIFFNESS
-from rollingjoint.checks import as_floats
+from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
 from rollingjoint.design.curve import Curve, curve
 from rollingjoint.design.faults import faults
 from rollingjoint.design.inverse import compare, read
@@ -21,32 +22,14 @@ from rollingjoint.design.margins import MARGINS, margins
 from rollingjoint.design.numbers import Numbers, Structure, structure
 from rollingjoint.design.ranges import checked
 from rollingjoint.differentiable import DifferentiableChain
-from rollingjoint.errors import InvalidInput, MechanismError
-
-Array = NDArray[np.float64]
-Range = tuple[float, float]
-T = TypeVar("T", NDArray[np.float64], Tensor)
+from rollingjoint.errors import InvalidInput
 
 _ROUND = 0.05  # 1/mm, convexity of the reference
 _ROUNDING = 1e-9
-_DRAWN = 256  # designs drawn at a time
-_MOST_DRAWN = 100_000
-
-
-class _NumberGroup(NamedTuple):
-    """Numbers of a design with one range: their labels, and the range."""
-
-    labels: tuple[str, ...]
-    range: Range
-
-    @property
-    def free(self) -> int:
-        """Number of dimensions of the vector that they take."""
-        return len(self.labels) if self.range[0] < self.range[1] else 0
 
 
 @dataclass(frozen=True)
-class DesignSpace:
+class DesignSpace(DesignBox):
     """Chains of links with two tendons, left and right from base to tip, as vectors in the box [-1, 1]^d.
 
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.
@@ -70,6 +53,9 @@ class DesignSpace:
     Raises:
         ConfigError: a value out of its range.
     """
+
+    margin_names: ClassVar[tuple[str, ...]] = MARGINS
+    tensors: ClassVar[type[DifferentiableChain]] = DifferentiableChain
 
     n_links: int = 5
     knots: int = 5
@@ -98,34 +84,9 @@ class DesignSpace:
         return f"DesignSpace({', '.join(changed)})"
 
     @property
-    def dimensions(self) -> int:
-        """Length d of a vector."""
-        return sum(part.free for part in _parts(self).values())
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the entries of a vector, with units."""
-        return tuple(label for part in _parts(self).values() if part.free for label in part.labels)
-
-    @property
-    def low(self) -> Array:
-        """Physical values at -1, (d,)."""
-        return np.array([part.range[0] for part in _parts(self).values() for _ in range(part.free)])
-
-    @property
-    def high(self) -> Array:
-        """Physical values at 1, (d,)."""
-        return np.array([part.range[1] for part in _parts(self).values() for _ in range(part.free)])
-
-    def physical(self, x: T) -> T:
-        """Physical values of vectors, (..., d); an array for an array, a tensor for a tensor."""
-        low, high = _like(x, self.low), _like(x, self.high)
-        return 0.5 * (low + high) + 0.5 * (high - low) * x
-
-    def unit(self, values: T) -> T:
-        """Vectors of physical values, (..., d)."""
-        low, high = _like(values, self.low), _like(values, self.high)
-        return (2.0 * values - low - high) / (high - low)
+    def groups(self) -> Mapping[str, NumberGroup]:
+        """The numbers of a design, in the order of the vector."""
+        return _parts(self)
 
     def chain(self, x: Tensor) -> DifferentiableChain:
         """The designs (..., d) as mechanisms that can be differentiated; a row that is not finite is the reference.
@@ -142,19 +103,8 @@ class DesignSpace:
             **tensors, holes=holes, on_surface=on_surface, crossed=torch.full((2,), self.n_links - 1)
         )
 
-    def margins(self, x: Tensor) -> Tensor:
-        """Margins of the designs (..., d), (..., len(MARGINS)): 0 or more for a valid design; no unit.
-
-        They can be differentiated. A row that is not finite has margins of -1.
-
-        Raises:
-            InvalidInput: a wrong length of the last axis.
-        """
-        rows = self._vectors(x)
-        values = margins(self._numbers(rows.reshape(-1, self.dimensions)), self.smallest_radius, self.wall)
-        return torch.where(
-            torch.isfinite(rows).all(-1, keepdim=True), values.reshape(*rows.shape[:-1], len(MARGINS)), -1.0
-        )
+    def _margins(self, x: Tensor) -> Tensor:
+        return margins(self._numbers(x), self.smallest_radius, self.wall)
 
     def mechanism(self, x: ArrayLike) -> RollingChain:
         """The design (d,) as a mechanism.
@@ -163,45 +113,12 @@ class DesignSpace:
             MechanismError: the design is not valid.
             InvalidInput: a vector outside the box.
         """
-        vector = as_floats("x", x, f"{self.dimensions} numbers in [-1, 1]")
-        if vector.shape != (self.dimensions,) or not np.all(np.abs(vector) <= 1.0 + 1e-9):
-            raise InvalidInput("x", x, f"{self.dimensions} numbers in [-1, 1]", "Clip it, or see DesignSpace.unit.")
-        mechanism = self.chain(torch.as_tensor(vector)).mechanism()
-        messages = self.faults(mechanism)
-        if messages:
-            values = self.margins(torch.as_tensor(vector)).numpy()
-            worst = int(np.argmin(values))
-            raise MechanismError(
-                f"margin {MARGINS[worst]!r} of the design", float(values[worst]), "0 or more", "; ".join(messages)
-            )
+        mechanism: RollingChain = super().mechanism(x)
         return mechanism
 
     def faults(self, mechanism: RollingChain) -> list[str]:
         """Faults of a mechanism, checked without the margins and without torch; empty for a valid mechanism."""
         return faults(mechanism, self.smallest_radius, self.wall)
-
-    def sample(self, count: int, generator: np.random.Generator, valid: bool = True) -> Array:
-        """Vectors uniform in the box, (count, d), of valid designs alone unless `valid` is False.
-
-        Raises:
-            InvalidInput: hardly any design is valid.
-        """
-        if not valid:
-            return generator.uniform(-1.0, 1.0, (count, self.dimensions))
-        samples, drawn = np.empty((0, self.dimensions)), 0
-        while len(samples) < count:
-            x = generator.uniform(-1.0, 1.0, (_DRAWN, self.dimensions))
-            with torch.no_grad():
-                good = (self.margins(torch.as_tensor(x)) >= 0).all(-1).numpy()
-            samples, drawn = np.concatenate([samples, x[good]]), drawn + _DRAWN
-            if drawn >= _MOST_DRAWN and len(samples) < 1e-3 * drawn:
-                raise InvalidInput(
-                    "designs",
-                    f"{len(samples)} valid of {drawn} drawn",
-                    "at least 1 in 1000",
-                    "Narrow the ranges around designs that are valid.",
-                )
-        return samples[:count]
 
     def reference(self) -> Array:
         """The vector of plain links, (d,): convexities of 0.05 /mm if that is in range, all else in the middle."""
@@ -239,23 +156,9 @@ class DesignSpace:
     def _structure(self) -> Structure:
         return structure(self.n_links, self.alike, self.symmetric)
 
-    def _vectors(self, x: Tensor) -> Tensor:
-        x = torch.as_tensor(x).to(torch.float64)
-        if x.ndim == 0 or x.shape[-1] != self.dimensions:
-            raise InvalidInput("shape of x", tuple(x.shape), f"(..., {self.dimensions})")
-        return x
-
     def _numbers(self, x: Tensor) -> Numbers:
         """The physical numbers of vectors (B, d)."""
-        finite = torch.isfinite(x).all(-1, keepdim=True)
-        values = self.physical(torch.where(finite, x, torch.as_tensor(self.reference())).clamp(-1.0, 1.0))
-        blocks, begin = {}, 0
-        for name, part in _parts(self).items():
-            if part.free:
-                blocks[name] = values[:, begin : begin + part.free]
-                begin += part.free
-            else:
-                blocks[name] = values.new_full((1, 1), part.range[0]).expand(len(x), len(part.labels))
+        blocks = self._blocks(x)
         surfaces = 2 if self.alike else 2 * (self.n_links - 1)
         return Numbers(
             self._structure,
@@ -288,7 +191,7 @@ class DesignSpace:
 
 
 @functools.lru_cache
-def _parts(space: DesignSpace) -> dict[str, _NumberGroup]:
+def _parts(space: DesignSpace) -> dict[str, NumberGroup]:
     """The numbers of a design, in the order of the vector."""
     n = space.n_links
     if space.alike:
@@ -305,15 +208,11 @@ def _parts(space: DesignSpace) -> dict[str, _NumberGroup]:
     heights = ("height [mm]",) if space.alike else tuple(f"link {i} height [mm]" for i in range(n))
     holes = ("hole [mm]",) if space.symmetric else ("left hole [mm]", "right hole [mm]")
     return {
-        "convexity": _NumberGroup(
+        "convexity": NumberGroup(
             tuple(f"{s}convexity at {p} [1/mm]" for s in surfaces for p in places), space.convexity
         ),
-        "angle": _NumberGroup(tuple(f"{surface}angle [rad]" for surface in surfaces), space.angle),
-        "height": _NumberGroup(heights, space.height),
-        "half_width": _NumberGroup(("half width [mm]",), space.half_width),
-        "hole": _NumberGroup(holes, space.hole),
+        "angle": NumberGroup(tuple(f"{surface}angle [rad]" for surface in surfaces), space.angle),
+        "height": NumberGroup(heights, space.height),
+        "half_width": NumberGroup(("half width [mm]",), space.half_width),
+        "hole": NumberGroup(holes, space.hole),
     }
-
-
-def _like(x: T, values: Array) -> T:
-    return torch.as_tensor(values) if isinstance(x, Tensor) else values

@@ -4,16 +4,21 @@ No other module of the library imports this package; `import rollingjoint` needs
 
 Modules:
     compiled: batches through the compiled solver.
-    design: one mechanism or many as tensors.
+    design: one chain in the plane or many as tensors.
     equilibria: results of the solvers.
     friction: friction of the tendons, and its memory from step to step.
     geometry: contacts of surfaces, routes of tendons.
     loads: loads, their energy, moments and stiffness.
     looking: looks of the host at numbers on a device.
     newton: Newton's method on many rows; the equilibria of a batch of designs.
+    parameters: mechanisms as tensors, as far as the classes of chains share it.
     side_by_side: equilibria of many chains in a fixed number of passes, without gradients: for simulation on a device.
     slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
+    spatial_design: one chain in space or many as tensors.
+    spatial_equilibria: results of the solvers in space, with the margins of contact lines.
+    spatial_loads: loads in space, their energy, moments and stiffness.
+    spatial_statics: the whole chain in space at given angles.
     statics: the whole chain at given angles: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
     tabulated: joints as the compiled solver's tables on a device.
@@ -29,15 +34,19 @@ with naming_extras():
     from rollingjoint.differentiable.looking import as_on_a_device
     from rollingjoint.differentiable.side_by_side import Settled, SideBySide
     from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
+    from rollingjoint.differentiable.spatial_design import DifferentiableSpatialChain
+    from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
     from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
 
 __all__ = [
     "DifferentiableChain",
     "DifferentiableFriction",
+    "DifferentiableSpatialChain",
     "Equilibria",
     "FrictionStates",
     "Settled",
     "SideBySide",
+    "SpatialEquilibria",
     "as_on_a_device",
     "linear_pieces",
     "solve_lengths",

@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 
 from rollingjoint.chain.batch import solve_batch, step_batch
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import Status, codes_of
-from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.friction import HISTORY
+from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, FrictionState
@@ -20,7 +20,7 @@ from rollingjoint.kernels.friction import FrictionLaw
 
 
 def solve_compiled(
-    design: DifferentiableChain, law: Law, loads: Tensor, starts: Tensor, mask: Tensor
+    design: ChainTensors, law: Law, loads: Tensor, starts: Tensor, mask: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Equilibria of some rows of a batch.
 
@@ -52,7 +52,7 @@ def solve_compiled(
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
-    inputs = RollingChain, mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
+    inputs = type(mechanisms[0]), mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
     if law.friction is None or law.history is None:
         equilibrium = solve_batch(*inputs)
     else:
@@ -68,8 +68,9 @@ def solve_compiled(
     return phi, held, status
 
 
-def _built(design: DifferentiableChain, place: int) -> RollingChain | None:
+def _built(design: ChainTensors, place: int) -> AnyChain | None:
     try:
-        return design.mechanism(place)
+        chain: AnyChain = design.mechanism(place)
+        return chain
     except MechanismError:
         return None

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.looking import seen
-from rollingjoint.differentiable.surface import Place, Surfaces, as_complex
+from rollingjoint.differentiable.surface import Place, Surfaces
 
 
 class Joints(NamedTuple):
@@ -74,7 +73,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Routes:
-    """Routes of the tendons through the links.
+    """Routes of the tendons through the links, in the planes of the joints.
 
     Attributes:
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
@@ -82,6 +81,11 @@ class Routes:
         channels: length of every tendon inside the links, (..., m) [mm].
         along: unit vectors of the channels, parent to child hole, complex (..., m, n); y for an empty channel. Only
             friction needs them: None where no friction can act.
+        aside: in space, along the axis of the joint, the upper hole from the lower one, (..., m, J) [mm]; in the plane
+            None.
+        entry: likewise the lower hole from the middle of the contact.
+        leads: in space, unit vectors of the channels below and above every gap, in the directions of the plane and the
+            axis, (..., m, J, 2, 3); only friction needs them.
     """
 
     below: Tensor
@@ -89,11 +93,56 @@ class Routes:
     crosses: Tensor
     channels: Tensor
     along: Tensor | None = None
+    aside: Tensor | None = None
+    entry: Tensor | None = None
+    leads: Tensor | None = None
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> Routes:
         """The same with every tensor but `crosses` changed, by a function of it and its number of trailing axes."""
-        along = None if self.along is None else change(self.along, 2)
-        return Routes(change(self.below, 2), change(self.above, 2), self.crosses, change(self.channels, 1), along)
+        parts = (self.along, 2), (self.aside, 2), (self.entry, 2), (self.leads, 4)
+        gaps = (None if part is None else change(part, axes) for part, axes in parts)
+        return Routes(change(self.below, 2), change(self.above, 2), self.crosses, change(self.channels, 1), *gaps)
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Planes of the joints of a chain in space, fixed in their links, and the springs of the joints.
+
+    Attributes:
+        frames: lateral and axial direction and axis, rows in the link below, (..., J, 3, 3).
+        half_widths: of the contact lines, (..., J) [mm].
+        middles, shifts: along the axis, the middle of the contact, and the origin of the link above, (..., J) [mm].
+        stiffnesses, rests: of the torsion springs, (..., J) [N·mm/rad, rad].
+        below, above: hinges in the planes of the links below and above, complex (..., J) [mm].
+        hinges: whether a joint is a hinge, (J,).
+    """
+
+    frames: Tensor
+    half_widths: Tensor
+    middles: Tensor
+    shifts: Tensor
+    stiffnesses: Tensor
+    rests: Tensor
+    below: Tensor
+    above: Tensor
+    hinges: Tensor
+
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> Planes:
+        """The same with every tensor but `hinges` changed, by a function of it and its number of trailing axes."""
+        numbers = "half_widths", "middles", "shifts", "stiffnesses", "rests", "below", "above"
+        return replace(
+            self, frames=change(self.frames, 3), **{name: change(getattr(self, name), 1) for name in numbers}
+        )
+
+    def joints(self, joints: Joints) -> Joints:
+        """The joints of surfaces, with the hinges in their places."""
+        at_hinges = Joints(joints.turn, self.below, self.below - joints.turn * self.above, *_STILL)
+        pairs = zip(at_hinges, joints, strict=True)
+        return Joints(*(torch.where(self.hinges, hinge, contact) for hinge, contact in pairs))
+
+
+_STILL = torch.tensor(1.0 + 0.0j, dtype=torch.complex128), torch.tensor(0.0j, dtype=torch.complex128)
+"""Tangent and rate of the contact point of a hinge."""
 
 
 @dataclass(frozen=True)
@@ -103,29 +152,21 @@ class Geometry:
     Attributes:
         joints: (..., J, 2) surfaces: child below, parent above.
         routes: of the tendons.
+        planes: of the joints, in space; in the plane None.
     """
 
     joints: Surfaces
     routes: Routes
-
-    @classmethod
-    def of(cls, design: DifferentiableChain) -> Geometry:
-        """The geometry of a design."""
-        surfaces = design.surfaces()
-        holes = _holes(design, surfaces)
-        links = torch.arange(design.n_links, device=design.device)
-        passed = (links <= design.crossed[:, None]).to(torch.float64)
-        through = holes[..., 1] - holes[..., 0]
-        channels = (through.abs() * passed).sum(-1)
-        crosses = (links[:-1] < design.crossed[:, None]).to(torch.float64)
-        drilled = (passed > 0) & (through.detach().abs() > 0)
-        safe = torch.where(drilled, through, 1j)
-        routes = Routes(holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels, safe / safe.abs())
-        return cls(surfaces.joints(), routes)
+    planes: Planes | None = None
 
     def detach(self) -> Geometry:
         """The geometry as a constant."""
-        return Geometry(self.joints.detach(), self.routes.each(lambda tensor, _: tensor.detach()))
+        return replace(self.each(lambda tensor, _: tensor.detach()), joints=self.joints.detach())
+
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> Geometry:
+        """The same surfaces, with every tensor of routes and planes changed."""
+        planes = None if self.planes is None else self.planes.each(change)
+        return Geometry(self.joints, self.routes.each(change), planes)
 
     @cached_property
     def limits(self) -> tuple[Tensor, Tensor]:
@@ -150,15 +191,6 @@ class Geometry:
             newton = s - error / contact.kappa
             s = torch.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
         return s
-
-
-def _holes(design: DifferentiableChain, surfaces: Surfaces) -> Tensor:
-    """Every hole in its link's frame, complex (..., m, n, 2) [mm]."""
-    points = as_complex(design.holes)
-    if not seen(design.on_surface.any(), True):
-        return points
-    arcs = torch.where(design.on_surface, design.hole_arcs, 0.0)
-    return torch.where(design.on_surface, surfaces.several().at(arcs).point(), points)
 
 
 def turned(angle: Tensor) -> Tensor:

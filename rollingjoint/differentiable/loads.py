@@ -5,8 +5,10 @@ The plane is the complex plane: x + iy. All tensors have leading axes, and all r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -15,31 +17,32 @@ from rollingjoint.differentiable.looking import seen
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS
 
-_COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}
-_BESIDES_DEAD = ("bx", "by"), ("k",), ("torsion",)  # columns of follower forces, springs, torsion springs; 0: none
 
-
-class Loads:
-    """Load tables, (..., rows, columns), by columns; complex where they are points or forces.
+class AnyLoads:
+    """Load tables, (..., rows, columns), by columns: all that the plane and space have in common.
 
     Args:
-        table: columns load.LOAD_COLUMNS.
+        table: with the columns of the class.
         n_joints: of the chain.
-        only_dead: let dead forces and moments alone act, whatever else the table has.
+
+    Attributes of its class:
+        columns: names of the columns.
+        turning: columns of the forces that turn with a link.
     """
 
-    def __init__(self, table: Tensor, n_joints: int, only_dead: bool = False) -> None:
+    columns: ClassVar[tuple[str, ...]]
+    turning: ClassVar[tuple[str, ...]]
+
+    def __init__(self, table: Tensor, n_joints: int) -> None:
         self.table = table
         self.joints = torch.arange(n_joints, device=table.device)
         self.later = torch.maximum(self.joints[:, None], self.joints)  # of every two joints
         self.links, self.beyond = self._link("link")
-        self.points, self.dead, self.body, self.anchors = map(self._pair, ("p", "f", "b", "a"))
-        self.moments, self.springs = map(self._number, ("moment", "k"))
-        self.torsions, self.rests = map(self._number, ("torsion", "rest"))
+        self.springs, self.torsions, self.rests = map(self._number, ("k", "torsion", "rest"))
         self.others, beyond_other = self._link("other")
         self.between = self.beyond - beyond_other  # signs with which joint angles turn a torsion spring
         self.any = table.shape[-2] > 0
-        self.follow, self.pull, self.twist = (not only_dead and self._acts(*names) for names in _BESIDES_DEAD)
+        self.follow, self.pull, self.twist = map(self._acts, (self.turning, ("k",), ("torsion",)))
 
     def of_links(self, values: Tensor, links: Tensor | None = None) -> Tensor:
         """Values (..., n) of the loaded links, or of other links (..., rows): (..., rows)."""
@@ -49,36 +52,70 @@ class Loads:
         """Sum of values (..., rows) over the loads beyond every joint, (..., J)."""
         return (values[..., None] * self.beyond).sum(-2)
 
+    def twists(self, link_angles: Tensor) -> Tensor:
+        """Turn of the torsion spring of every row from rest, (..., rows) [rad]; angles (..., n)."""
+        return self.of_links(link_angles) - self.of_links(link_angles, self.others) - self.rests
+
+    def twisting(self, twists: Tensor) -> Tensor:
+        """Sum of the moments of the torsion springs that turn every joint back, (..., J) [N·mm]."""
+        return ((self.torsions * twists)[..., None] * self.between).sum(-2)
+
+    def twisting_stiffness(self) -> Tensor:
+        """Contribution of the torsion springs to H, (..., J, J)."""
+        return (self.torsions[..., None] * self.between).mT @ self.between
+
     @property
     def symmetric(self) -> bool:
-        """Whether the stiffness is symmetric: no force turns with its link."""
-        return bool((self.body == 0).all())
+        """Whether the stiffness is symmetric."""
+        return not bool(self.without_potential().any())
 
     def without_potential(self) -> Tensor:
-        """Where a force turns with its link, (...)."""
-        return (self.body != 0).any(-1)
-
-    def dead_alone(self) -> Tensor:
-        """Where dead forces and moments act alone, and all numbers are in range, (...)."""
-        others = torch.stack([self._number(name) == 0.0 for names in _BESIDES_DEAD for name in names]).all(0)
-        return (others & (self.table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
+        """Where a load has no potential, since it turns with its link, (...)."""
+        return torch.stack([self._number(name) != 0 for name in self.turning]).any(0).any(-1)
 
     def _number(self, name: str) -> Tensor:
-        return self.table[..., _COLUMN[name]]
-
-    def _pair(self, letter: str) -> Tensor:
-        return torch.complex(self._number(f"{letter}x"), self._number(f"{letter}y"))
+        return self.table[..., self.columns.index(name)]
 
     def _link(self, name: str) -> tuple[Tensor, Tensor]:
         """Links of a column, (..., rows), and whether they lie beyond every joint, (..., rows, J) of 0 and 1."""
         links = self._number(name).detach().long()
         return links, (links[..., None] > self.joints).to(self.table.dtype)
 
-    def _acts(self, *names: str) -> bool:
+    def _acts(self, names: Sequence[str]) -> bool:
         """Whether a column is not zero, or may be differentiated by."""
         if self.table.requires_grad:
             return True
         return any(seen((self._number(name) != 0).any(), True) for name in names)
+
+
+class Loads(AnyLoads):
+    """Load tables in the plane; complex where they are points or forces.
+
+    Args:
+        table: columns load.LOAD_COLUMNS.
+        n_joints: of the chain.
+        only_dead: let dead forces and moments alone act, whatever else the table has.
+    """
+
+    columns = LOAD_COLUMNS
+    turning = ("bx", "by")
+
+    def __init__(self, table: Tensor, n_joints: int, only_dead: bool = False) -> None:
+        self._only_dead = only_dead
+        super().__init__(table, n_joints)
+        self.points, self.dead, self.body, self.anchors = map(self._pair, ("p", "f", "b", "a"))
+        self.moments = self._number("moment")
+
+    def dead_alone(self) -> Tensor:
+        """Where dead forces and moments act alone, and all numbers are in range, (...)."""
+        others = torch.stack([self._number(name) == 0.0 for name in (*self.turning, "k", "torsion")]).all(0)
+        return (others & (self.table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
+
+    def _pair(self, letter: str) -> Tensor:
+        return torch.complex(self._number(f"{letter}x"), self._number(f"{letter}y"))
+
+    def _acts(self, names: Sequence[str]) -> bool:
+        return not self._only_dead and super()._acts(names)
 
 
 @dataclass(frozen=True)
@@ -111,9 +148,7 @@ class LoadsAtPose:
 
     @cached_property
     def _twists(self) -> Tensor:
-        """Turn of the torsion spring of every row from rest, (..., rows) [rad]."""
-        loads, angles = self.loads, self.link_angles
-        return loads.of_links(angles) - loads.of_links(angles, loads.others) - loads.rests
+        return self.loads.twists(self.link_angles)
 
     @cached_property
     def forces(self) -> Tensor:
@@ -128,7 +163,7 @@ class LoadsAtPose:
         moments = about_base - cross(self.contacts, self.forces)
         if not self.loads.twist:
             return moments
-        return moments - ((self.loads.torsions * self._twists)[..., None] * self.loads.between).sum(-2)
+        return moments - self.loads.twisting(self._twists)
 
     def stiffness(self) -> Tensor:
         """Contribution of the loads to H, (..., J, J), without the moving contact of each joint itself."""
@@ -142,7 +177,7 @@ class LoadsAtPose:
             zeroth, first, second = (loads.sums(k * v)[..., later] for v in (torch.ones_like(k), x, dot(x, x)))
             H = H + second - dot(first, ci + cm) + zeroth * dot(ci, cm)
         if loads.twist:
-            H = H + (loads.torsions[..., None] * loads.between).mT @ loads.between
+            H = H + loads.twisting_stiffness()
         return H
 
     def energies(self) -> Tensor:

@@ -17,9 +17,10 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Geometry
-from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.loads import AnyLoads
 from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.slip import frozen_work
+from rollingjoint.differentiable.spatial_statics import state_at
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.kernels.arrays import (
     MAX_STEP,
@@ -137,7 +138,7 @@ _OF_ROWS = [name for name in LineSearches._fields if name != "origin"]
 
 
 def minimise(
-    geometry: Geometry, law: Law, loads: Loads, s: Tensor, steps: int | None = None
+    geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, steps: int | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Stable equilibria from contacts s, (..., J) [mm]; `steps`: exact number of Newton steps of all rows.
 
@@ -179,13 +180,13 @@ class _DesignProblem:
     helps: ClassVar[bool] = True
     geometry: Geometry
     law: Law
-    loads: Loads
+    loads: AnyLoads
     first: Tensor  # ends of the surfaces, (..., J) mm
     last: Tensor
     limits: tuple[Tensor, Tensor]
 
     @classmethod
-    def of(cls, geometry: Geometry, law: Law, loads: Loads, like: Tensor) -> _DesignProblem:
+    def of(cls, geometry: Geometry, law: Law, loads: AnyLoads, like: Tensor) -> _DesignProblem:
         """The problem with the rows of contacts (..., J)."""
         first, last = (side.expand_as(like) for side in geometry.limits)
         largest, smallest = (geometry.contact(side).angles for side in (first, last))
@@ -204,7 +205,7 @@ class _DesignProblem:
         """The chains with their contacts at s; joint angles, s, kappa, and the terms of the work of friction."""
         contact = self.geometry.contact(s)
         phi = contact.angles
-        state = ChainState(self.geometry.routes, self.law, self.loads, phi, contact.joints(phi))
+        state = state_at(self.geometry, self.law, self.loads, phi, contact)
         rubbing = state.rubbing
         friction = () if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
         return state, (phi, s, contact.kappa, *friction)
@@ -239,15 +240,16 @@ class _DesignProblem:
         def rows(values: Tensor, axes: int = 1) -> Tensor:
             return values.expand(*mask.shape, *values.shape[values.ndim - axes :])[mask]
 
-        surfaces, routes = self.geometry.joints, self.geometry.routes
+        surfaces = self.geometry.joints
         joints = replace(
             surfaces,
             limits=rows(surfaces.limits, 3),
             borders=rows(surfaces.borders, 3),
             pieces=rows(surfaces.pieces, 4),
         )
-        loads = Loads(rows(self.loads.table, 2), routes.crosses.shape[-1])
-        return _DesignProblem.of(Geometry(joints, routes.each(rows)), self.law.each(rows), loads, rows(self.first))
+        loads = type(self.loads)(rows(self.loads.table, 2), self.geometry.routes.crosses.shape[-1])
+        geometry = replace(self.geometry.each(rows), joints=joints)
+        return _DesignProblem.of(geometry, self.law.each(rows), loads, rows(self.first))
 
 
 def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:

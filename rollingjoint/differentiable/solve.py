@@ -19,29 +19,30 @@ from torch.nn.functional import pad
 from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_integer
 from rollingjoint.differentiable.compiled import solve_compiled
-from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates, as_friction
 from rollingjoint.differentiable.geometry import Geometry
-from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.loads import AnyLoads
 from rollingjoint.differentiable.looking import may_look, seen, without_looking
 from rollingjoint.differentiable.newton import freed, minimise
-from rollingjoint.differentiable.statics import ChainState, Law
+from rollingjoint.differentiable.parameters import ChainTensors
+from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
+from rollingjoint.differentiable.spatial_statics import state_at
+from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.arrays import LARGEST_INPUT
-from rollingjoint.kernels.planar_loads import LINK_COLUMNS, STIFFNESSES
-from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
+from rollingjoint.kernels.planar_loads import LINK_COLUMNS
+from rollingjoint.load import Load, with_all_columns, wrong_links
 
 History = Equilibria | FrictionStates | FrictionState | None
 """The equilibria before a step with friction, their friction state, or None for no friction at all."""
 
-_LINKS = [LOAD_COLUMNS.index(name) for name in LINK_COLUMNS]
 _CROSSED = -1e-9  # mm; below it the holes of a gap have changed places
 
 
 def solve_tensions(
-    design: DifferentiableChain,
+    design: ChainTensors,
     tensions: Tensor,
     loads: Sequence[Load] | Tensor = (),
     starts: Tensor | None = None,
@@ -56,7 +57,8 @@ def solve_tensions(
         design: mechanisms with any leading axes, which broadcast with the other arguments: `design[:, None]`
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
-        loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
+        loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS, in space
+            load.SPATIAL_LOAD_COLUMNS.
         starts: joint angles to start from, (..., n - 1) [rad]; default: the angles of the history, or s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for many solves of one mechanism.
@@ -78,7 +80,7 @@ def solve_tensions(
 
 
 def solve_lengths(
-    design: DifferentiableChain,
+    design: ChainTensors,
     lengths: Tensor,
     loads: Sequence[Load] | Tensor = (),
     starts: Tensor | None = None,
@@ -121,7 +123,7 @@ def _fixed(steps: int | None, solver: str) -> bool:
 
 
 def _solve(
-    design: DifferentiableChain,
+    design: ChainTensors,
     law: Law,
     loads: Sequence[Load] | Tensor,
     starts: Tensor | None,
@@ -147,18 +149,18 @@ def _solve(
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
     expanded = design.over(len(batch))
     rolls = expanded.valid()
-    good = rolls & _usable(law, table, design.n_links) & (True if begin is None else torch.isfinite(begin).all(-1))
+    good = rolls & _usable(law, table, design) & (True if begin is None else torch.isfinite(begin).all(-1))
     good = good.expand(batch)
     law, table = _where(good, law, table)
     expanded = expanded.where(rolls)
-    geometry = Geometry.of(expanded)
+    geometry = expanded.geometry()
     with torch.no_grad():
         s, held, status = _search(expanded, geometry.detach(), law, table, begin, good, solver, steps)
     return _tied(geometry, law, _acting(expanded, table), s, held, status)
 
 
 def _search(
-    design: DifferentiableChain,
+    design: ChainTensors,
     geometry: Geometry,
     law: Law,
     loads: Tensor,
@@ -179,7 +181,7 @@ def _search(
         s, held, arrived = minimise(geometry, law, all_loads, begin, steps)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
-        state = ChainState(geometry.routes, law, all_loads, contact.angles, contact.joints(contact.angles))
+        state = state_at(geometry, law, all_loads, contact.angles, contact)
         crossed = state.crossing < _CROSSED
         outcome = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
         status = torch.where(good & arrived & ~crossed, outcome, status)
@@ -193,30 +195,30 @@ def _search(
     return s, held, status
 
 
-def _acting(design: DifferentiableChain, table: Tensor) -> Loads:
+def _acting(design: ChainTensors, table: Tensor) -> AnyLoads:
     """The loads of a table and the springs of the mechanisms."""
     if design.springs:
-        springs = torch.as_tensor(load_table(design.springs, design.n_links)).to(table)
+        springs = torch.as_tensor(design.load_table(design.springs)).to(table)
         table = torch.cat([springs.expand(*table.shape[:-2], *springs.shape), table], -2)
-    return Loads(table, design.n_links - 1)
+    return design.loads(table, design.n_links - 1)
 
 
-def _tied(geometry: Geometry, law: Law, loads: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+def _tied(geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
     """The equilibria at contacts s as functions of all parameters behind the geometry, the law and the loads."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    joints = contact.moved((near - angle) / kappa).joints(near)
-    before = ChainState(geometry.routes, law, loads, near, joints)
+    before = state_at(geometry, law, loads, near, contact.moved((near - angle) / kappa))
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
     moved = contact.moved((phi - angle) / kappa)
-    return Equilibria(status, ~held, moved.s, ChainState(geometry.routes, law, loads, phi, moved.joints(phi)))
+    kind = Equilibria if geometry.planes is None else SpatialEquilibria
+    return kind(status, ~held, moved.s, state_at(geometry, law, loads, phi, moved))
 
 
 class _NewtonStep(torch.autograd.Function):
@@ -245,16 +247,17 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
     return solution[..., 0]
 
 
-def _usable(law: Law, table: Tensor, n_links: int) -> Tensor:
+def _usable(law: Law, table: Tensor, design: ChainTensors) -> Tensor:
     """Whether the inputs of a row are valid: finite, in range, on links that exist, no pushing spring."""
     command, stiffness, low, high = (row.detach() for row in law.rows)
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
-    in_range = table.detach().abs() <= LARGEST_INPUT
-    pushing = torch.stack([table[..., column] < 0 for column in STIFFNESSES], -1)
-    links = table.detach()[..., _LINKS[0]], table.detach()[..., _LINKS[1]]
-    for link in links:
-        limits = limits & ((link >= 0) & (link < n_links) & (link % 1 == 0)).all(-1)
+    values = table.detach()
+    in_range = values.abs() <= LARGEST_INPUT
+    columns = design.loads.columns
+    pushing = torch.stack([values[..., columns.index(name)] < 0 for name in ("k", "torsion")], -1)
+    for link in (values[..., columns.index(name)] for name in LINK_COLUMNS):
+        limits = limits & ((link >= 0) & (link < design.n_links) & (link % 1 == 0)).all(-1)
     good = numbers & limits & in_range.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
     for part in (law.friction, law.history):
         good = good if part is None else good & part.usable()
@@ -268,20 +271,21 @@ def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
     return law.where(good), torch.where(good[..., None, None], table, 0.0)
 
 
-def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tensor:
+def _table(design: ChainTensors, loads: Sequence[Load] | Tensor) -> Tensor:
     """Load tables, (..., rows, columns)."""
     if not isinstance(loads, Tensor):
-        return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
-    table = with_all_columns(loads, LOAD_COLUMNS, lambda columns, n: pad(columns, (0, n))) if loads.ndim >= 2 else None
+        return torch.as_tensor(design.load_table(loads), device=design.device)
+    columns = design.loads.columns
+    table = with_all_columns(loads, columns, lambda table, n: pad(table, (0, n))) if loads.ndim >= 2 else None
     if table is None:
-        raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
-    links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links) if may_look() else None
+        raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(columns)})")
+    links = wrong_links(table.detach(), columns, design.n_links) if may_look() else None
     if links is not None:
         raise InvalidInput("links of the load table", links, f"integers from 0 to {design.n_links - 1}")
     return torch.as_tensor(table).to(design.device, torch.float64)
 
 
-def _history(design: DifferentiableChain, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
+def _history(design: ChainTensors, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
     """The friction states from which a step with this friction starts."""
     before: Any = history.remembered(friction) if isinstance(history, Equilibria) else history
     if not isinstance(before, FrictionStates | FrictionState):
@@ -299,14 +303,14 @@ def _history(design: DifferentiableChain, friction: DifferentiableFriction | Non
     return FrictionStates(**tensors)
 
 
-def _on_device(design: DifferentiableChain, limit: Tensor | float) -> Tensor:
+def _on_device(design: ChainTensors, limit: Tensor | float) -> Tensor:
     """A limit on the device of the design; a number is filled in there, without a copy from the host."""
     if isinstance(limit, int | float):
         return torch.full((), limit, dtype=torch.float64, device=design.device)
     return torch.as_tensor(limit, dtype=torch.float64, device=design.device)
 
 
-def _numbers(design: DifferentiableChain, name: str, values: Tensor, size: int) -> Tensor:
+def _numbers(design: ChainTensors, name: str, values: Tensor, size: int) -> Tensor:
     tensor = torch.as_tensor(values, dtype=torch.float64, device=design.device)  # a list would become single precision
     if tensor.ndim == 0 or tensor.shape[-1] != size:
         raise InvalidInput(f"shape of {name}", tuple(tensor.shape), f"(..., {size})")

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.geometry import Joints, Routes, turned
-from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
+from rollingjoint.differentiable.loads import AnyLoads, Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
 from rollingjoint.differentiable.transmission import at_limit, limited_tension
 from rollingjoint.kernels.joints import CLOSED_GAP
@@ -91,7 +91,7 @@ class ChainState:
 
     routes: Routes
     law: Law
-    loads: Loads
+    loads: AnyLoads
     phi: Tensor
     joints: Joints
 
@@ -131,7 +131,7 @@ class ChainState:
         joints, routes = self.joints, self.routes
         end = joints.origin[..., None, :] + joints.turn[..., None, :] * routes.above
         span = end - routes.below
-        length = span.abs()
+        length = span.abs() if routes.aside is None else _norm(span.real, span.imag, routes.aside)
         closed = length.detach() <= CLOSED_GAP
         per_length = torch.where(closed, 0.0, 1.0 / torch.where(closed, 1.0, length))
         direction = torch.where(closed, (1j * joints.tangent)[..., None, :], span * per_length)
@@ -147,9 +147,13 @@ class ChainState:
     @cached_property
     def crossing(self) -> Tensor:
         """Lowest height of a gap over the contact's tangent, (...) [mm]: negative where holes have changed places."""
+        return torch.where(self.routes.crosses > 0, self._heights, torch.inf).flatten(-2).amin(-1)
+
+    @property
+    def _heights(self) -> Tensor:
+        """Heights of the gaps over the contacts' tangents, (..., m, J) [mm]."""
         length, direction, _, _ = self._gaps
-        height = length * dot((1j * self.joints.tangent)[..., None, :], direction)
-        return torch.where(self.routes.crosses > 0, height, 0.0).flatten(-2).amin(-1)
+        return length * dot((1j * self.joints.tangent)[..., None, :], direction)
 
     @cached_property
     def lengths(self) -> Tensor:
@@ -200,13 +204,15 @@ class ChainState:
         return self._law[1]
 
     @cached_property
-    def _acting(self) -> LoadsAtPose:
+    def acting(self) -> LoadsAtPose:
+        """The loads at this pose."""
+        assert isinstance(self.loads, Loads)
         return LoadsAtPose(self.loads, self.positions, self.rotations, self.link_angles, self.contacts)
 
     @property
     def moments(self) -> Tensor:
         """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
-        return self._acting.moments
+        return self.acting.moments
 
     @cached_property
     def _torques(self) -> Tensor:
@@ -228,7 +234,7 @@ class ChainState:
         H = torch.diag_embed(self._own_stiffness)
         if self.rubbing is not None or not self.law.prescribed:
             H = H + (self.rates[..., None] * self._slopes).sum(-3)
-        return H + self._acting.stiffness() if self.loads.any else H
+        return H + self.acting.stiffness() if self.loads.any else H
 
     @property
     def _slopes(self) -> Tensor:
@@ -243,12 +249,17 @@ class ChainState:
         _, direction, _, per_length = self._gaps
         along, pole = self._levers[0], self.joints.pole  # |Jr|² - g'² is the square of r · v, r the lever
         second = along * (along * per_length - 1.0) + cross(direction, pole[..., None, :])
-        return (self._pulls * second).sum(-2) + cross(self._below * pole, self._acting.forces)
+        return (self._pulls * second).sum(-2) + self._pole_stiffness
+
+    @property
+    def _pole_stiffness(self) -> Tensor:
+        """Stiffness from the moment arms of the loads, which change with the moving contacts, (..., J)."""
+        return cross(self._below * self.joints.pole, self.acting.forces)
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
-        force = self._below * (self._pulls * self._gaps[1]).sum(-2) - self._acting.forces
+        force = self._below * (self._pulls * self._gaps[1]).sum(-2) - self.acting.forces
         return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property
@@ -260,11 +271,23 @@ class ChainState:
         magnitude = (pulled.abs() + (tension * self.lengths).abs()).sum(-1)
         if not self.loads.any:
             return pulled.sum(-1), magnitude
-        work = self._acting.energies()
+        work = self.acting.energies()
         return pulled.sum(-1) + work.sum(-1), magnitude + work.abs().sum(-1)
 
     @cached_property
     def force_scale(self) -> Tensor:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
         sizes = torch.maximum(self._torques.abs(), self._pulls)  # tendons only pull
-        return (sizes.sum(-2) + self.moments.abs()).amax(-1)
+        return (sizes.sum(-2) + self._besides_tendons).amax(-1)
+
+    @property
+    def _besides_tendons(self) -> Tensor:
+        """Sum of the magnitudes of the moments at every joint that no tendon exerts, (..., J)."""
+        return self.moments.abs()
+
+
+def _norm(*parts: Tensor) -> Tensor:
+    """Length of vectors by their parts; its gradient at 0 is 0."""
+    square = torch.stack(torch.broadcast_tensors(*parts)).square().sum(0)
+    positive = square.detach() > 0.0
+    return torch.where(positive, torch.where(positive, square, 1.0).sqrt(), 0.0)

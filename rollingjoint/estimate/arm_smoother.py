@@ -51,6 +51,7 @@ class NormalEquations(NamedTuple):
     numbers: Annotated[Floats, "R", "K"]
     information: Annotated[Floats, "R", "K", "K"]  # lower triangle
     slope: Annotated[Floats, "R", "K"]
+    priors: Annotated[Integers, "R"]  # index of the prior
 
 
 class ArmSmoother:
@@ -146,8 +147,9 @@ class ArmSmoother:
     def _proposals(self, damping: Array) -> Array:
         """The minima of the normal equations, (N, K), within bounds."""
         rows = self._rows
-        numbers, equations = np.empty_like(rows.numbers), NormalEquations(rows.numbers, rows.information, rows.slope)
-        propose(equations, self.prior.sds, damping, self.effort.farthest, numbers, np.empty(len(numbers)))
+        numbers, priors = np.empty_like(rows.numbers), np.zeros(len(rows.numbers), np.int64)
+        equations = NormalEquations(rows.numbers, rows.information, rows.slope, priors)
+        propose(equations, self.prior.sds[None], damping, self.effort.farthest, numbers, np.empty(len(numbers)))
         return self.prior.within(numbers)
 
     def _smoothed(self) -> Smoothed:

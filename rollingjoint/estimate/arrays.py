@@ -45,15 +45,15 @@ class MeasurementLaw(NamedTuple):
 
 
 class Model(NamedTuple):
-    """The nominal chain, the law of its measurements, and the standard deviations of the hidden numbers."""
+    """The nominal chain, the law of its measurements, and moments of P priors of the hidden numbers."""
 
     chain: Chain
     tables: SurfaceTables
     law: MeasurementLaw
     at: HiddenLayout
     stiffnesses: Annotated[Floats, "m"]
-    means: Annotated[Floats, "K"]
-    sds: Annotated[Floats, "K"]
+    means: Annotated[Floats, "P", "K"]
+    sds: Annotated[Floats, "P", "K"]
 
 
 class MotorHistory(NamedTuple):
@@ -74,6 +74,7 @@ class Track(NamedTuple):
 
     episodes: Annotated[Integers, "R"]
     links: Annotated[Integers, "R"]  # the loaded ones
+    priors: Annotated[Integers, "R"]  # index of the prior
     numbers: Annotated[Floats, "R", "K"]
     steps: Annotated[Integers, "R"]  # that have been followed
     played: Annotated[Floats, "R", "m"]  # commands of the tendons behind the play, mm
@@ -107,12 +108,18 @@ class Scratch(NamedTuple):
 
 
 def empty_track(
-    episodes: np.ndarray, links: np.ndarray, numbers: np.ndarray, angles: np.ndarray, m: int, forces: np.ndarray
+    episodes: np.ndarray,
+    links: np.ndarray,
+    priors: np.ndarray,
+    numbers: np.ndarray,
+    angles: np.ndarray,
+    m: int,
+    forces: np.ndarray,
 ) -> Track:
     """Rows of hidden numbers (R, K) and forces (R, T, 2), to be followed from the start."""
     (R, K), times = numbers.shape, forces.shape[1]
     return Track(
-        episodes, links, numbers, np.zeros(R, np.int64),
+        episodes, links, priors, numbers, np.zeros(R, np.int64),
         np.zeros((R, m)), np.zeros((R, m)), np.zeros((R, m)), angles,
         np.zeros((R, K, K)), np.zeros((R, K)), np.zeros(R), np.zeros(R),
         np.zeros((R, 2)), np.zeros((R, 2, K)), np.zeros((R, m)), np.zeros((R, m, K)),

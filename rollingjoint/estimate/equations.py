@@ -39,7 +39,8 @@ def eliminate(H, columns):
 @part(inline=True)
 def add(model, track, column, off, sd, row):
     """Add a measurement to the normal equations: it is `off` from what a row expects, with these derivatives."""
-    information, slope, robust, sds = track.information[row], track.slope[row], model.law.robust, model.sds
+    information, slope, robust = track.information[row], track.slope[row], model.law.robust
+    sds = model.sds[track.priors[row]]
     residual = abs(off) / sd
     weight = 1.0 if residual <= robust else robust / residual
     cost = 0.5 * residual * residual if residual <= robust else robust * (residual - 0.5 * robust)
@@ -60,6 +61,7 @@ def propose(track, sds, damping, farthest, numbers, volumes):
     """Fill numbers (R, K): the minimum of the normal equations, at most `farthest` standard deviations away in each.
 
     Args:
+        sds: of the priors, (P, K).
         damping: share of its diagonal added to the information, (R,). A row whose equations cannot be solved stays.
         volumes: to be filled with half the logarithm of the determinant of that sum, (R,).
     """
@@ -95,17 +97,18 @@ def propose(track, sds, damping, farthest, numbers, volumes):
             x[i] /= L[i, i]
         for i in range(K):
             change = min(max(x[i], -farthest), farthest) if usable and math.isfinite(x[i]) else 0.0
-            numbers[row, i] = track.numbers[row, i] + change * sds[i]
+            numbers[row, i] = track.numbers[row, i] + change * sds[track.priors[row], i]
 
 
 @kernel(nogil=True, title="the smoother")
 def recall(track, sds, farthest, numbers, forces):
-    """Fill the forces (R, T, 2) of all steps where the numbers are changed to these, (R, K)."""
+    """Fill the forces (R, T, 2) of all steps where the numbers are changed to these, (R, K); sds as in `propose`."""
     n_rows, K = numbers.shape
     x = np.empty(K)
     for row in range(n_rows):
+        units = sds[track.priors[row]]
         for k in range(K):
-            x[k] = (numbers[row, k] - track.numbers[row, k]) / sds[k] if sds[k] > 0.0 else 0.0
+            x[k] = (numbers[row, k] - track.numbers[row, k]) / units[k] if units[k] > 0.0 else 0.0
         last = track.steps[row] - 1
         forces[row] = math.nan
         for step in range(last, -1, -1):
@@ -116,4 +119,4 @@ def recall(track, sds, farthest, numbers, forces):
                     second -= track.forward[row, step, 1, k] * x[k]
                 x[0], x[1] = min(max(first, -farthest), farthest), min(max(second, -farthest), farthest)
             for axis in range(2):
-                forces[row, step, axis] = track.forces[row, step, axis] + x[axis] * sds[axis]
+                forces[row, step, axis] = track.forces[row, step, axis] + x[axis] * units[axis]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -70,6 +70,11 @@ class HiddenRanges:
             as_range(name, getattr(self, name), low=0.0)
         for name in ("stiffness", "gain"):
             as_range(name, getattr(self, name), low=1e-3)
+
+    def worn(self) -> HiddenRanges:
+        """The ranges of a mechanism that has worn beyond them: play and sheath friction reach up twice as far."""
+        (tight, loose), (smooth, rough) = self.play_mm, self.sheath_friction
+        return replace(self, play_mm=(tight, 2.0 * loose - tight), sheath_friction=(smooth, 2.0 * rough - smooth))
 
 
 @dataclass(frozen=True)

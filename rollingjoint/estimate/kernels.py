@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from rollingjoint.compiled import (
+    NARROW,
     PENDING,
     PinnedBatch,
     borrow,
@@ -41,7 +42,6 @@ from rollingjoint.kernels.batch import stiffness_at
 from rollingjoint.load import LOAD_COLUMNS
 
 LINK = LOAD_COLUMNS.index("link")
-NARROW = 1e-6  # mm: half the width of a play that is none
 LOST = 100.0  # cost of a step without a usable equilibrium
 YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
 
@@ -156,7 +156,7 @@ def _leave_force(model, track, row):
     Their changes x and y: y = memory x + misses + a normal number of variance 1 - memory^2, in standard deviations.
     """
     information, slope, K = track.information[row], track.slope[row], track.slope.shape[1]
-    step, memory = track.steps[row], model.law.memory
+    step, memory, sds = track.steps[row], model.law.memory, model.sds[track.priors[row]]
     forward, alone = track.forward[row, step - 1], track.alone[row, step - 1]
     certainty = 1.0 / (1.0 - memory * memory)
     pull = memory * certainty
@@ -165,7 +165,7 @@ def _leave_force(model, track, row):
     track.volume[row] -= 0.5 * math.log(per_determinant) if per_determinant > 0.0 else 0.0
     for axis in range(2):
         misses = memory * track.forces[row, step - 1, axis] - track.forces[row, step, axis]
-        misses = misses / model.sds[axis] if model.sds[axis] > 0.0 else 0.0
+        misses = misses / sds[axis] if sds[axis] > 0.0 else 0.0
         track.cost[row] += 0.5 * certainty * misses * misses
         slope[axis] -= pull * misses
         alone[axis] = certainty * misses  # for a while
@@ -210,14 +210,15 @@ def _take_in(model, chain, history, track, batch, scratch, row):
 
 @part(inline=True)
 def _begin(model, track, row):
-    """Begin the normal equations with the prior."""
+    """Begin the normal equations with the prior of the row."""
     information, slope = track.information[row], track.slope[row]
+    means, sds = model.means[track.priors[row]], model.sds[track.priors[row]]
     cost = 0.0
     for k in range(slope.size):
         for i in range(slope.size):
             information[k, i] = 0.0
         information[k, k] = 1.0
-        off = (model.means[k] - track.numbers[row, k]) / model.sds[k] if model.sds[k] > 0.0 else 0.0
+        off = (means[k] - track.numbers[row, k]) / sds[k] if sds[k] > 0.0 else 0.0
         slope[k] = off
         cost += 0.5 * off * off
     track.cost[row], track.misfit[row], track.volume[row] = cost, 0.0, 0.0

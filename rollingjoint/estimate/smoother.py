@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
 _LARGEST_TENSION = 1e4  # N: motors stand where they were measured, whatever the tension
 _EASED, _DAMPED = 0.2, 10.0  # factors of the damping after a better and a worse trial
 _LEAST, _FIRST, _MOST = 1e-6, 1e-2, 1e6  # damping: the smallest, that of new starts, the largest
+_SURPRISE = 5.0  # minus the logarithm of the probability of the second prior, over that of the first
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Effort:
         passes: how often in one step at most.
         searches: numbers of measured steps after which the fit starts anew from many places.
         starts: of the play of every tendon, such a search tries this many.
+        doubt: cost per measurement above which the fit is searched for anew, under the second prior, too, with a start
+            more. patience: steps after a search before one for such a reason. tries: how often at most.
         rounds: Gauss-Newton steps of every start, with exact surfaces.
         coarse_sd: standard deviation of tensions in these [N].
         kept: best starts for every link that go on with displaced surfaces.
@@ -49,6 +52,9 @@ class Effort:
     passes: int = 2
     searches: Sequence[int] = (13, 25)
     starts: int = 3
+    doubt: float = math.inf
+    patience: int = 4
+    tries: int = 4
     rounds: int = 5
     coarse_sd: float = 0.3
     kept: int = 2
@@ -80,6 +86,7 @@ class Smoother:
         chain: the nominal mechanism.
         prior: of its hidden numbers.
         law: of its measurements.
+        worn: a second prior with the same layout, where the fit is in doubt.
         links: those that the load may pull.
         effort: of the search.
         steps: number of measured steps that an episode can have.
@@ -95,6 +102,7 @@ class Smoother:
         effort: Effort | None = None,
         steps: int = 51,
         pictured: bool = False,
+        worn: HiddenPrior | None = None,
     ) -> None:
         if chain.springs or chain.has_friction:
             raise InvalidInput("mechanism", chain, "a chain without springs and friction", "The smoother knows none.")
@@ -104,9 +112,11 @@ class Smoother:
         self._before = 1 if math.isfinite(law.shown_sd) else 0  # steps of a history before those that are measured
         self._steps, self._n_tendons = self._before + steps, chain.n_tendons
         tables = surface_tables(chain, prior.layout, law.start_tension)
-        self._fine = _Followed(chain, prior, law, tables, self._steps)
+        priors = [prior, *([] if worn is None else [worn])]
+        self._fine = _Followed(chain, priors, law, tables, self._steps)
         coarse = law._replace(tension_sd=max(law.tension_sd, self.effort.coarse_sd))
-        self._coarse = _Followed(chain, prior.without_surfaces(), coarse, tables, self._steps)
+        exact = [each.without_surfaces() for each in priors]
+        self._coarse = _Followed(chain, exact, coarse, tables, self._steps)
         self.reset(np.ones(0, bool))
 
     def reset(self, mask: Mask) -> None:
@@ -119,17 +129,24 @@ class Smoother:
             self.history = MotorHistory(np.zeros(count, np.int64), motors, shifts, tensions, pictures)
             self._track = self._begun(np.arange(count), np.full(count, self._links[-1]))
             self._damping = np.full(count, _LEAST)
-            self._since = np.zeros(count, np.int64)
+            self._since, self._tries, self._rested = (np.zeros(count, np.int64) for _ in range(3))
         rows = np.flatnonzero(mask)
         if rows.size:
             self.history.pictures[rows] = np.nan
-            self.history.counts[rows], self._damping[rows], self._since[rows] = 0, _LEAST, 0
+            self._damping[rows] = _LEAST
+            for counts in (self.history.counts, self._since, self._tries, self._rested):
+                counts[rows] = 0
             _put(self._track, rows, self._begun(rows, np.full(len(rows), self._links[-1])))
 
     @property
     def links(self) -> Integers:
         """The links that are taken to be loaded, (N,)."""
         return self._track.links
+
+    @property
+    def priors(self) -> Integers:
+        """Which prior explains the measurements best, (N,): 0, or 1 where it is the worn mechanism."""
+        return self._track.priors
 
     @property
     def measured_steps(self) -> Integers:
@@ -142,7 +159,8 @@ class Smoother:
         return min(self.effort.searches, default=0)
 
     def _begun(self, episodes: Integers, links: Integers) -> Track:
-        return self._fine.begun(episodes, links, np.tile(self.prior.means, (len(episodes), 1)))
+        numbers, priors = np.tile(self.prior.means, (len(episodes), 1)), np.zeros(len(episodes), np.int64)
+        return self._fine.begun(episodes, links, priors, numbers)
 
     def take_in(
         self,
@@ -182,9 +200,27 @@ class Smoother:
         searched = np.zeros(self._count, bool)
         searched[rows] = np.isin(self.measured_steps[rows], list(self.effort.searches))
         if searched.any():
-            self._search(np.flatnonzero(searched))
-        self._renew(searched, late)
+            self._search(np.flatnonzero(searched), 1, self.effort.starts)
+        doubtful = self._doubtful(rows) & ~searched
+        if doubtful.any():
+            self._search(np.flatnonzero(doubtful), len(self._fine.priors), self.effort.starts + 1)
+            self._tries[doubtful] += 1
+        self._rested += 1
+        self._rested[searched | doubtful] = 0
+        self._renew(searched | doubtful, late)
         return self._smoothed()
+
+    def _doubtful(self, rows: Integers) -> Mask:
+        """Whether the fits of these episodes are in doubt and rested since they were searched for last, (N,)."""
+        effort, misfit = self.effort, self._track.misfit / self._measurements()
+        due = np.zeros(self._count, bool)
+        due[rows] = self.measured_steps[rows] > min(effort.searches, default=self._steps)
+        return due & (misfit > effort.doubt) & (self._rested >= effort.patience) & (self._tries < effort.tries)
+
+    def _measurements(self) -> Integers:
+        """How many measurements the episodes have, (N,); 1 before any."""
+        shown = np.isfinite(self.history.pictures).sum(axis=(1, 2, 3))
+        return np.maximum(self.history.counts * self._n_tendons + shown, 1)
 
     def _renew(self, searched: Mask, late: Mask) -> None:
         """Follow histories anew, where that is due, along estimates that lower their costs.
@@ -194,40 +230,43 @@ class Smoother:
         effort, track = self.effort, self._track
         for number in range(effort.passes):
             proposals, forces = self._fine.proposals(track, self._damping, effort.farthest)
-            change = np.abs(proposals - track.numbers) / np.maximum(self.prior.sds, 1e-12)
+            change = np.abs(proposals - track.numbers) / np.maximum(self._fine.model.sds[track.priors], 1e-12)
             due = (change.max(axis=1) > effort.moved) & (self._damping < _MOST)
             if number == 0:
                 due |= (self._since >= effort.every) | searched | late
             rows = np.flatnonzero(due)
             if not rows.size:
                 break
-            which = track.episodes[rows], track.links[rows], proposals[rows], forces[rows]
+            which = track.episodes[rows], track.links[rows], track.priors[rows], proposals[rows], forces[rows]
             trial = self._fine.followed(self.history, *which)
             better = (trial.cost < track.cost[rows]) | (late[rows] & (number == 0))
             self._damping[rows] = _adapted(self._damping[rows], better)
             self._since[rows] = 0
             _put(track, rows[better], trial, np.flatnonzero(better))
 
-    def _search(self, rows: Integers) -> None:
-        """Fit the histories of some episodes from many starts; keep fits with lower costs."""
-        effort, m = self.effort, self._n_tendons
-        shares = (np.arange(effort.starts) + 0.5) / effort.starts
-        grid = np.stack(np.meshgrid(*[shares] * m, indexing="ij"), axis=-1).reshape(-1, m)
-        grid, links = np.tile(grid, (len(self._links), 1)), np.repeat(self._links, len(grid))
-        prior, starts = self._coarse.prior, len(grid)
-        numbers = np.tile(prior.means, (len(rows) * starts, 1))
-        widths = slice(prior.layout.half_widths, prior.layout.frictions)
-        numbers[:, widths] = np.tile(prior.low[widths] + grid * (prior.high - prior.low)[widths], (len(rows), 1))
-        self._place_at_start(numbers, np.repeat(rows, starts))
-        which = np.repeat(rows, starts), np.tile(links, len(rows)), numbers
-        coarse = self._coarse.followed(self.history, *which, self._track.forces[which[0]])
+    def _search(self, rows: Integers, n_priors: int, n_starts: int) -> None:
+        """Fit the histories of some episodes from many starts, with the first priors; keep fits with lower costs."""
+        effort, widths = self.effort, slice(self.prior.layout.half_widths, self.prior.layout.frictions)
+        if not np.any(self.prior.high[widths] > self.prior.low[widths]):
+            n_starts = 1
+        shares = (np.arange(n_starts) + 0.5) / n_starts
+        places = np.stack(np.meshgrid(*[shares] * self._n_tendons, indexing="ij"), axis=-1).reshape(-1, self._n_tendons)
+        groups = [(number, link) for number in range(n_priors) for link in self._links]
+        priors, links = (np.repeat(values, len(places)) for values in zip(*groups, strict=True))
+        starts = self._coarse.model.means[priors]
+        low, high = (ends[priors][:, widths] for ends in self._coarse.bounds)
+        starts[:, widths] = low + np.tile(places, (len(groups), 1)) * (high - low)
+        numbers, episodes = np.tile(starts, (len(rows), 1)), np.repeat(rows, len(starts))
+        self._place_at_start(numbers, episodes)
+        which = episodes, np.tile(links, len(rows)), np.tile(priors, len(rows)), numbers
+        coarse = self._coarse.followed(self.history, *which, self._track.forces[episodes])
         self._fit(self._coarse, coarse, effort.rounds)
-        costs = self._coarse.unlikely(coarse).reshape(len(rows) * len(self._links), -1)
+        costs = self._coarse.unlikely(coarse).reshape(len(rows) * len(groups), -1)
         order = costs.argsort(axis=1)[:, : effort.kept]
         best = (np.arange(len(costs))[:, None] * costs.shape[1] + order).ravel()
-        numbers = np.tile(self.prior.means, (len(best), 1))
-        numbers[:, : prior.layout.total] = coarse.numbers[best]
-        starts_again = coarse.episodes[best], coarse.links[best], numbers, coarse.forces[best]
+        numbers = self._fine.model.means[coarse.priors[best]]
+        numbers[:, : starts.shape[1]] = coarse.numbers[best]
+        starts_again = coarse.episodes[best], coarse.links[best], coarse.priors[best], numbers, coarse.forces[best]
         fine = self._fine.followed(self.history, *starts_again)
         self._fit(self._fine, fine, 1 + effort.passes)
         costs = self._fine.unlikely(fine).reshape(len(rows), -1)
@@ -238,7 +277,7 @@ class Smoother:
 
     def _place_at_start(self, numbers: Array, episodes: Integers) -> None:
         """Let motors begin where the start tension has them but for offsets and sheaths, in hidden numbers (R, K)."""
-        law, at, m = self._fine.model.law, self._coarse.prior.layout, self._n_tendons
+        law, at, m = self._fine.model.law, self.prior.layout, self._n_tendons
         if not (math.isfinite(law.start_sd) or math.isfinite(law.shown_sd)):
             return
         tables, stiffnesses = self._fine.model.tables, self._fine.model.stiffnesses
@@ -252,7 +291,7 @@ class Smoother:
         damping = np.full(len(track.steps), _FIRST)
         for _ in range(rounds):
             proposals = followed.proposals(track, damping, self.effort.farthest)
-            trial = followed.followed(self.history, track.episodes, track.links, *proposals)
+            trial = followed.followed(self.history, track.episodes, track.links, track.priors, *proposals)
             better = trial.cost < track.cost
             damping = _adapted(damping, better)
             _put(track, np.flatnonzero(better), trial, np.flatnonzero(better))
@@ -263,8 +302,6 @@ class Smoother:
         change = numbers - track.numbers
         widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.gains)
         commands = slice(at.offsets, at.stiffnesses)
-        shown = np.isfinite(self.history.pictures).sum(axis=(1, 2, 3))
-        count = np.maximum(self.history.counts * self._n_tendons + shown, 1)
         return Smoothed(
             numbers,
             track.tip + np.einsum("nik,nk->ni", track.tip_by, change),
@@ -273,35 +310,52 @@ class Smoother:
             np.ascontiguousarray(track.tensions_by[:, :, commands]),
             track.played + track.by_width * change[:, widths] + track.by_place * change[:, places],
             np.ascontiguousarray(numbers[:, widths]),
-            track.misfit / count,
+            track.misfit / self._measurements(),
         )
 
 
 class _Followed:
-    """A chain with a prior and a law, along whose rows histories are followed."""
+    """A chain with some priors and a law, along whose rows histories are followed; bounds: of the priors, (P, K)."""
 
     def __init__(
-        self, chain: RollingChain, prior: HiddenPrior, law: MeasurementLaw, tables: SurfaceTables, steps: int
+        self,
+        chain: RollingChain,
+        priors: Sequence[HiddenPrior],
+        law: MeasurementLaw,
+        tables: SurfaceTables,
+        steps: int,
     ) -> None:
-        self.chain, self.prior, self._steps = chain, prior, steps
-        self.model = Model(chain.arrays, tables, law, prior.layout, np.array(chain.stiffnesses), prior.means, prior.sds)
+        self.chain, self.priors, self._steps = chain, priors, steps
+        means, sds, low, high = (
+            np.stack([getattr(prior, name) for prior in priors]) for name in ("means", "sds", "low", "high")
+        )
+        self.bounds = low, high
+        self.model = Model(chain.arrays, tables, law, priors[0].layout, np.array(chain.stiffnesses), means, sds)
         self._solvers: dict[int, tuple[object, PinnedRange]] = {}
 
     def __getstate__(self) -> dict[str, object]:
         return vars(self) | {"_solvers": {}}  # bound to addresses in this process
 
-    def begun(self, episodes: Integers, links: Integers, numbers: Array, forces: Array | None = None) -> Track:
+    def begun(
+        self, episodes: Integers, links: Integers, priors: Integers, numbers: Array, forces: Array | None = None
+    ) -> Track:
         """Rows at the start of their histories."""
         angles = np.tile(self.chain.neutral_angles, (len(episodes), 1))
         times = self._steps if self.model.law.memory < 1.0 else 0
         forces = np.full((len(episodes), times, 2), np.nan) if forces is None else forces.copy()
-        return empty_track(episodes, links, numbers, angles, self.chain.n_tendons, forces)
+        return empty_track(episodes, links, priors, numbers, angles, self.chain.n_tendons, forces)
 
     def followed(
-        self, history: MotorHistory, episodes: Integers, links: Integers, numbers: Array, forces: Array | None = None
+        self,
+        history: MotorHistory,
+        episodes: Integers,
+        links: Integers,
+        priors: Integers,
+        numbers: Array,
+        forces: Array | None = None,
     ) -> Track:
         """Rows of hidden numbers (R, K) and forces (R, T, 2) along the histories of these episodes."""
-        track = self.begun(episodes.copy(), links.copy(), numbers, forces)
+        track = self.begun(episodes.copy(), links.copy(), priors.copy(), numbers, forces)
         self.follow(track, history)
         return track
 
@@ -318,10 +372,12 @@ class _Followed:
     def proposals(self, track: Track, damping: Array, farthest: float) -> tuple[Array, Array]:
         """The minima of the normal equations, (R, K), within bounds, and the forces there, (R, T, 2)."""
         numbers, forces = np.empty_like(track.numbers), np.empty_like(track.forces)
-        equations.propose(track, self.prior.sds, damping, farthest, numbers, np.empty(len(numbers)))
-        numbers = self.prior.within(numbers)
+        equations.propose(track, self.model.sds, damping, farthest, numbers, np.empty(len(numbers)))
+        for number, prior in enumerate(self.priors):
+            rows = track.priors == number
+            numbers[rows] = prior.within(numbers[rows])
         if forces.shape[1] > 0:
-            equations.recall(track, self.prior.sds, farthest, numbers, forces)
+            equations.recall(track, self.model.sds, farthest, numbers, forces)
         return numbers, forces
 
     def unlikely(self, track: Track) -> Array:
@@ -330,8 +386,8 @@ class _Followed:
         Source: Laplace's approximation.
         """
         volumes, rows = np.empty(len(track.steps)), np.zeros(len(track.steps))
-        equations.propose(track, self.prior.sds, rows, 0.0, np.empty_like(track.numbers), volumes)
-        unlikely: Array = track.cost + track.volume + volumes
+        equations.propose(track, self.model.sds, rows, 0.0, np.empty_like(track.numbers), volumes)
+        unlikely: Array = track.cost + track.volume + volumes + _SURPRISE * track.priors
         return unlikely
 
     def _solver(self, rows: int) -> tuple[object, PinnedRange]:

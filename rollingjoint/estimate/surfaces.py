@@ -44,12 +44,13 @@ class SurfaceTables(NamedTuple):
 def surface_tables(chain: RollingChain, layout: HiddenLayout, start_tension: float) -> SurfaceTables:
     """The tables of a chain; without rates where the layout has exact surfaces."""
     m = chain.n_tendons
-    low, high = (ends.copy() for ends in np.moveaxis(chain.arrays.joints[0, :, :2], -1, 0))
+    ends = np.moveaxis(chain.arrays.joints[0, :, :2], -1, 0)
+    low, high = ends[0] + _TURN, ends[1] - _TURN
     shape = _n_joints(layout), POINTS, PER_JOINT * (m + 2)
     values, slopes = np.zeros(shape), np.zeros(shape)
     for i in range(_n_joints(layout)):
         angles = np.repeat(chain.neutral_angles[None], POINTS, axis=0)
-        angles[:, i] = np.linspace(low[i] + _TURN, high[i] - _TURN, POINTS)
+        angles[:, i] = np.linspace(low[i], high[i], POINTS)
         turn = _TURN * np.eye(chain.n_joints)[i]
         less, rates, more = (
             np.hstack([_rates(chain, i, number, angles + way * turn) for number in range(PER_JOINT)])

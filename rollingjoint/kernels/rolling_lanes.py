@@ -147,17 +147,11 @@ def store_lane(block, lane, results, row):
     results.status[row] = AT_LIMIT if search[HELD, lane] > 0.0 else CONVERGED
 
 
-@part(inline=True)
-def evaluate_joints(chain, designs, state, rows):
-    """Fill state.joint from the tables of each lane's design."""
-    evaluate_rows_of_lanes(chain.joints, chain, designs, state, rows)
-
-
 @formula(formulas.evaluate_lanes, Block)
 def evaluate_lanes(block, chain, designs):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state = block.state
-    evaluate_joints(chain, designs, state, as_rows(block.rows))
+    evaluate_rows_of_lanes(chain.joints, chain, designs, state, as_rows(block.rows))
     evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(block.law, state)
     load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)

@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.checks import as_floats, as_integer, as_number
+from rollingjoint.checks import Triple, as_floats, as_integer, as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load.columns import SPATIAL_LOAD_COLUMNS
 
 _POINT, _FORCE = (slice(first, first + 3) for first in map(SPATIAL_LOAD_COLUMNS.index, ("px", "fx")))
 
 Pair = tuple[float, float]
-Triple = tuple[float, float, float]
 Row = dict[str, float]
 
 

@@ -1,6 +1,7 @@
 """Pictures of mechanisms and equilibria with matplotlib, which is imported at the first picture.
 
 Modules:
+    contact_lines: contact surfaces and lines of chains in space, and forces on teeth and straps.
     figure: a figure of any mechanism or equilibrium, and figures as files.
     friction: tensions of the gaps and holes that stick, in a mechanism, along a tendon and over a path.
     loops: hysteresis loops, and a mechanism on its way around one.

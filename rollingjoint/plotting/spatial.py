@@ -1,7 +1,7 @@
 """Pictures of chains in three dimensions; matplotlib is imported only when one is drawn.
 
-Lengths are in mm on all axes. Beads and links are tubes around the tendon holes; tendons are coloured by their tension,
-contact lines by their tilting margin.
+Lengths are in mm on all axes. Beads, and links between their holes, are tubes around these; contact surfaces have the
+width of their lines. Tendons are coloured by their tension, contact lines by their tilting margin.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from rollingjoint.chain.equilibrium import EquilibriumInSpace
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
+from rollingjoint.chain.spatial_equilibrium import FRICTION, SpatialEquilibrium
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.plotting.contact_lines import ABOVE_BODIES, draw_contacts, draw_holding, draw_surfaces
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
 
@@ -27,11 +28,7 @@ Array = NDArray[np.float64]
 
 _SIDES = 16  # of a bead
 _SLACK = 1e-9  # N
-_CONTACTS = (  # least share of the normal force that the tilting margin is, colour, text
-    (0.5, "#2ca02c", "contact line, both ends pressed"),
-    (0.0, "#ff9f1c", "contact line, one end pressed little"),
-    (-np.inf, "#d62728", "contact line, one end lifts"),
-)
+_SLIMMEST = 0.5  # width of the axes, in heights: tick labels of narrower ones overlap
 _FX, _SPRING = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("fx", "k"))
 _FORCE, _ANCHOR = slice(_FX, _FX + 3), slice(_SPRING + 1, _SPRING + 4)
 
@@ -43,6 +40,7 @@ def plot_arm(
     tendons: bool = True,
     loads: bool = True,
     contacts: bool = True,
+    friction: float = FRICTION,
     label: str | None = None,
     color: str = LINK_COLOR,
     tension_range: tuple[float, float] | None = None,
@@ -50,8 +48,9 @@ def plot_arm(
     """Axes with beads or links, tendons, forces and contact lines drawn; draw several arms by passing the axes on.
 
     A contact line is green where the less pressed of its ends carries a quarter of the normal force or more, orange
-    where it carries less, red where it would lift; a dot marks the centre of pressure. After a step with friction the
-    gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
+    where it carries less, red where it would lift; a dot marks the centre of pressure. Arrows are forces on the upper
+    link, of teeth where friction does not suffice, and of straps where an end would lift. After a step with friction
+    the gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
 
     Args:
         arm: an equilibrium, or a mechanism, which is drawn at rest.
@@ -59,11 +58,12 @@ def plot_arm(
         tendons: draw the tendons; dashed if slack, thin if of unknown tension.
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         contacts: draw the contact lines of an equilibrium with rolling contacts, coloured by their tilting margin.
-        label: legend text of the beads.
-        color: colour of the beads.
+        friction: coefficient of the contact lines, beside which teeth carry a force.
+        label: legend text of the beads or links.
+        color: their colour.
         tension_range: with friction, tensions at both ends of the colours [N]; taken from the equilibrium when None.
     Raises:
-        InvalidInput: a batch of equilibria.
+        InvalidInput: a batch of equilibria, a coefficient that is none.
     """
     equilibrium = arm if isinstance(arm, EquilibriumInSpace) else None
     chain = equilibrium.mechanism if equilibrium is not None else arm
@@ -73,7 +73,9 @@ def plot_arm(
         )
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     ax = _new_axes() if ax is None else ax
-    _draw_beads(ax, chain, poses, color, label)
+    _draw_tubes(ax, chain, poses, color, label)
+    if isinstance(chain, SpatialChain):
+        draw_surfaces(ax, chain, poses, color)
     if tendons and equilibrium is not None and equilibrium.friction is not None:
         _draw_gap_tensions(ax, chain, equilibrium, tension_range)
     elif tendons:
@@ -82,7 +84,8 @@ def plot_arm(
         _draw_forces(ax, chain, equilibrium)
         _draw_springs(ax, equilibrium)
     if contacts and isinstance(chain, SpatialChain) and isinstance(equilibrium, SpatialEquilibrium):
-        _draw_contacts(ax, chain, equilibrium)
+        draw_contacts(ax, equilibrium)
+        draw_holding(ax, equilibrium, friction)
     return _finish(ax)
 
 
@@ -94,14 +97,18 @@ def _new_axes() -> Axes3D:
     return figure.add_subplot(projection="3d")
 
 
-def _draw_beads(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, color: str, label: str | None) -> None:
+def _draw_tubes(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, color: str, label: str | None) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     around = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
     radius = 1.15 * max(chain.hole_radius, 0.1 * chain.length / chain.n_joints)
     rim = radius * np.array([np.cos(around), np.sin(around), 0 * around])
     faces: list[Array] = []
-    for k, ends in enumerate(chain.body_ends, start=1):
+    bodies = list(enumerate(chain.body_ends.tolist(), start=1))
+    if isinstance(chain, SpatialChain):
+        base = chain.outlines()[0]
+        bodies.append((0, [base.low, base.high]))
+    for k, ends in bodies:
         low, high = ((poses[k, :3, :3] @ (rim + np.array([[0.0], [0.0], [z]]))).T + poses[k, :3, 3] for z in ends)
         faces += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(_SIDES)]
     ax.add_collection3d(Poly3DCollection(faces, facecolor=color, edgecolor="none", alpha=0.25, label=label))
@@ -116,7 +123,7 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, te
         style = "--" if tensions is not None and tension <= _SLACK else "-"
         width = 0.8 + 1.8 * tension / largest
         name = f"tendon {j}: {tension:.3g} N" if tension > _SLACK else None
-        ax.plot(*line.T, style, color=PALETTE[j % len(PALETTE)], linewidth=width, label=name)
+        ax.plot(*line.T, style, color=PALETTE[j % len(PALETTE)], linewidth=width, label=name, zorder=ABOVE_BODIES)
 
 
 def _draw_gap_tensions(
@@ -158,31 +165,20 @@ def _draw_springs(ax: Axes3D, equilibrium: EquilibriumInSpace) -> None:
         ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[_SPRING]:.3g} N/mm")
 
 
-def _draw_contacts(ax: Axes3D, chain: SpatialChain, equilibrium: SpatialEquilibrium) -> None:
-    """Draws contact lines, and dots where the normal force acts on those that it presses on both ends."""
-    pressing = np.maximum(equilibrium.pressing_margins, _SLACK)
-    half_widths = np.array([joint.line for joint in chain.joints])
-    places = zip(equilibrium.contact_points, equilibrium.rotations[:-1], chain.axes, strict=True)
-    for i, (middle, rotation, axis) in enumerate(places):
-        if not np.isfinite(half_widths[i]):
-            continue
-        along, share = rotation @ axis, equilibrium.tilting_margins[i] / pressing[i]
-        color, text = next((color, text) for least, color, text in _CONTACTS if share >= least)
-        ends = np.array([middle - half_widths[i] * along, middle + half_widths[i] * along])
-        ax.plot(*ends.T, color=color, linewidth=2.5, label=text)
-        if share >= 0.0:
-            centre = middle + equilibrium.centres_of_pressure[i] * along
-            ax.plot(*centre[:, None], "o", color=color, markersize=4, markeredgecolor="black", markeredgewidth=0.5)
-
-
 def _finish(ax: Axes3D) -> Axes3D:
     from matplotlib.ticker import MaxNLocator
 
     ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    ax.patch.set_visible(False)  # else it hides labels of axes to its left
+    height = float(np.diff(ax.get_zlim())[0])
+    for low, high, set_limits in ((*ax.get_xlim(), ax.set_xlim), (*ax.get_ylim(), ax.set_ylim)):
+        middle, half = 0.5 * (low + high), 0.5 * max(high - low, _SLIMMEST * height)
+        set_limits(middle - half, middle + half)
     ax.set_aspect("equal")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(3))
-    ax.zaxis.labelpad = 10
+    ax.zaxis.set_major_locator(MaxNLocator(6))
+    ax.zaxis.labelpad = 12
     unique = {text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)}
     if unique:
         ax.legend(unique.values(), unique.keys(), loc="upper left", fontsize="small")

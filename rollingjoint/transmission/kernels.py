@@ -11,6 +11,7 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.simd import where
 
 FREE = 1e-9  # mm: a tendon this near to the place its motor asked for is at no limit of tension
+NARROW = 1e-6  # mm: half the width of a play that is none
 
 
 @part(inline=True)

@@ -166,6 +166,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
         (["my_controller.py:Careful", "--set", "load.magnitud=3"], "magnitud"),
         (["my_controller.py:Careful", "--training-seed", "-1"], "--training-seed"),
         (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that rj results wrote"),
+        (["my_controller.py:Careful", "--alone", "--beside", "theirs.json"], "--alone"),
         (["nowhere.py:Careful"], "FILE.py:NAME"),
     ],
 )

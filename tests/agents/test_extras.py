@@ -30,6 +30,7 @@ CASES = [
     (TRAIN, ["rj_gym.sb3"], "train"),
     (TRAIN, ["agents.train", "--config", "configs/train/ppo_rolling_joint.yaml", "--run-dir", "{}"], "train"),
     (TRAIN, ["agents.search", "configs/search/demo.yaml", "--out", "{}"], "search"),
+    (TRAIN, ["agents.view", "--port", "0", "--search", "{}"], "search"),
     ("filelock", ["agents.search", "configs/search/demo.yaml", "--out", "{}"], "search"),
     ("onnx", ["agents.export", "noisy", "--onnx", "{}"], "onnx"),
     ("h5py", ["agents.dataset", "noisy", "--steps", "5", "--out", "{}"], "data"),
@@ -53,3 +54,10 @@ def test_a_missing_package_is_one_line_with_its_extra(hidden, arguments, extra, 
     if command[0].startswith("agents."):
         assert done.returncode == 2 and line.startswith("error: ") and "Traceback" not in done.stderr
         assert not (tmp_path / "run").exists()
+
+
+def test_the_viewer_opens_without_the_room_of_designs_where_their_packages_are_missing():
+    hide, _, _ = HIDE.partition("sys.argv = sys.argv[2:]")
+    program = f"{hide}from agents.view import rooms\nprint(*rooms())"
+    done = subprocess.run([sys.executable, "-c", program, TRAIN], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "Explore Control Replay\n", done.stderr

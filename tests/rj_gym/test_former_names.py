@@ -1,13 +1,19 @@
 """Pickles, and programs, that name classes where they were until version 0.1.0."""
 
+import gzip
 import importlib
 import pickle
+from pathlib import Path
 
 import pytest
 
 import rj_gym
 from rollingjoint.errors import InvalidInput
 
+# Of revision 59c9966, before the settings of motors: gzip.compress(pickle.dumps(environments, protocol=4)), by name
+# pickle.dumps(env.unwrapped, protocol=4) after reset(seed=0), episode_steps=2: rj_gym/Instrument-v0 with uniform(2),
+# and two lanes of rj_gym/ArmInstrument-v0 with small_arm(2).
+ENVIRONMENTS = Path(__file__).parent / "former_environments.gz"
 FORMER = {
     "rj_gym.planar.config": ["TrackingConfig", "LoadConfig", "RandomizationConfig"],
     "rj_gym.planar.worlds": ["InstrumentConfig", "InstrumentShiftConfig", "SlowCameraConfig", "LatePoseConfig"],
@@ -40,3 +46,11 @@ def test_former_classes_of_tasks_and_tangents_are_found():
 def test_a_pickle_of_a_whole_environment_of_an_earlier_version_says_how_to_go_on():
     with pytest.raises(InvalidInput, match=r"pickle of an environment.*anew"):
         pickle.loads(b"crj_gym.planar.episodes\nPlanarEpisodeBuffer\n)\x81.")
+
+
+@pytest.mark.parametrize("name", ["Instrument", "ArmInstrument lanes"])
+def test_environments_from_before_the_settings_of_motors_say_in_one_line_how_to_go_on(name):
+    pickled = pickle.loads(gzip.decompress(ENVIRONMENTS.read_bytes()))[name]
+    with pytest.raises(InvalidInput, match=r"pickle of an environment.*anew") as refused:
+        pickle.loads(pickled)
+    assert "\n" not in str(refused.value)

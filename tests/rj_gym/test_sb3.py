@@ -73,13 +73,28 @@ def test_options_reach_every_lane_once():
     env.reset()
     assert not any(np.array_equal(info["target"], [10.0, 80.0]) for info in env.reset_infos)
     env.set_options([{}, {"target": (1.0, 80.0)}, {}])
-    with pytest.raises(InvalidInput, match="same options"):
-        env.reset()
+    env.reset()
+    assert [np.array_equal(info["target"], [1.0, 80.0]) for info in env.reset_infos] == [False, True, False]
 
 
 def test_other_autoreset_modes_are_refused():
     with pytest.raises(InvalidInput, match="SAME_STEP"):
         SB3VecEnv(rj_gym.RollingJointVectorEnv(2))
+
+
+def test_gymnasium_s_wrappers_of_rewards_and_actions_go_between():
+    from gymnasium.wrappers.vector import TransformReward
+    from stable_baselines3 import PPO
+
+    native = gymnasium.make_vec(IDS[0], 4, "vector_entry_point", episode_steps=3, autoreset_mode="SameStep")
+    env, plain = SB3VecEnv(TransformReward(native, lambda rewards: 2.0 * rewards)), make_sb3_env(IDS[0], 4)
+    env.seed(7), plain.seed(7), env.reset(), plain.reset()
+    actions = np.full((4, 2), 0.5, np.float32)
+    for _ in range(2):
+        assert np.allclose(env.step(actions)[1], 2.0 * plain.step(actions)[1])
+    assert "terminal_observation" in env.step(actions)[3][0]
+    assert env.get_attr("task")[0] is native.task
+    PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0, device="cpu").learn(64)
 
 
 def test_attributes_and_pictures():

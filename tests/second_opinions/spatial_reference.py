@@ -22,8 +22,14 @@ from rollingjoint import (
     solve_lengths,
     solve_tensions,
 )
+from rollingjoint._numba.jit import standalone
+from rollingjoint.kernels import contacts, turns
+from rollingjoint.kernels.friction import N_TURN, TURN
 
 REFERENCE = Path(__file__).with_name("spatial_reference.json")
+
+_new_state, _fill_geometry = standalone(contacts.new_contact_state), standalone(contacts.geometry_of)
+_fill_turns = standalone(turns.fill_contact_turns)
 
 
 def cases(path=REFERENCE):
@@ -76,11 +82,43 @@ def solved(case, mechanism=None):
 
 
 def differences(case, equilibrium):
-    """Largest difference of every quantity from its reference; infinite where one has a value and the other none."""
+    """Largest difference of every quantity from its reference; infinite where one has a value and the other none.
+
+    Turns of the tendons are compared where the case has them.
+    """
     expected, e = case["expected"], equilibrium
     names = ("joint_angles", "arc_lengths", "positions", "rotations", "contact_points", "tensions", "lengths")
     values = {name: getattr(e, name) for name in (*names, "tendon_rates", "smallest_eigenvalue", "reactions")}
-    return {name: _largest(values[name], expected[name]) for name in values}
+    largest = {name: _largest(values[name], expected[name]) for name in values}
+    if "turns" in expected:
+        turned = turns_of_links(e.mechanism, expected["turns"])
+        largest["turns"] = _largest(turns_at(e.mechanism, e.joint_angles), turned)
+    return largest
+
+
+def geometry_at(mechanism, angles):
+    """The arrays of a mechanism without its axis of designs, and its state at joint angles, a ContactState."""
+    state, arrays = _new_state(mechanism.n_joints, mechanism.n_tendons), mechanism.arrays._asdict()
+    state.angle[:] = angles
+    whole = ("cells", "coefficients", "tendon_joints")  # of all designs
+    design = contacts.ContactJoints(**{name: a if name in whole else a[0] for name, a in arrays.items()})
+    _fill_geometry(design, state)
+    return design, state
+
+
+def turns_at(mechanism, angles):
+    """Turn of every tendon at the two holes of the link below each joint, (J, m) [rad]; NaN where it does not pass."""
+    turn = np.full((mechanism.n_joints, mechanism.n_tendons, N_TURN), np.nan)
+    _fill_turns(*geometry_at(mechanism, angles), turn)
+    return turn[..., TURN]
+
+
+def turns_of_links(mechanism, turns_of_gaps):
+    """The same from turns at the holes below and above every gap, (J, m, 2) [rad]."""
+    below, above = np.moveaxis(np.array(turns_of_gaps, float), 2, 0)
+    entry = np.vstack([np.zeros((1, mechanism.n_tendons)), above[:-1]])
+    passes = np.arange(mechanism.n_joints)[:, None] < mechanism.last_links
+    return np.where(passes, entry + below, np.nan)
 
 
 def _largest(values, expected):

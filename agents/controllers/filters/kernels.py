@@ -13,10 +13,9 @@ from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 
-from rollingjoint.compiled import Floats, kernel, part, play_contact, play_place, play_step, sheath_ratio
+from rollingjoint.compiled import NARROW, Floats, kernel, part, play_contact, play_place, play_step, sheath_ratio
 
 SINGULAR = 1e-9  # N·mm/rad: a stable equilibrium has no pivots below
-NARROW = 1e-6  # mm: half the width of a play that is none
 
 
 class StateLayout(NamedTuple):

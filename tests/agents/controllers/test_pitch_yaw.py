@@ -14,10 +14,12 @@ from agents.controllers.measured import MeasuredArm, MeasuredTube, measured_by
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
+from agents.learners.true_state import TrueState, TrueStateFeedback
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import PitchYawConfig
 from rollingjoint import pitch_yaw_two_segment, solve_tensions_batch
+from tests.agents.learners.checks import lanes_of
 
 ID = "rj_gym/PitchYaw-v0"
 SEEDS = range(9000, 9030)
@@ -92,3 +94,16 @@ def test_true_state_feedback_has_the_rates_of_the_true_state():
     reading, info = stepped(controller, 12, actuation={"play_mm": [0.1, 0.5]}, sensing={"pose": "none"})
     model = true_arm(reading, Truth.of(reading))
     np.testing.assert_allclose(model.tip, info["tip"], atol=1e-3)
+
+
+@pytest.mark.parametrize(("env_id", "raises"), [(ID, True), ("rj_gym/FlexibleArm-v0", False)])
+def test_a_teacher_raises_tensions_where_they_hold_joints_together(env_id, raises):
+    env = lanes_of(env_id, 8)
+    _, info = env.reset(seed=0)
+    teacher = TrueStateFeedback(env.task)
+    teacher.reset(np.ones(8, bool))
+    for _ in range(50):
+        *_, info = env.step(teacher.act(TrueState(env.tangent(), info["target"])).astype(np.float32))
+    assert np.median(info["error_mm"]) < 0.1
+    highest = np.median(info["tensions"].max(axis=1))
+    assert (highest > 0.9 * env.config.tension_range[1]) == raises

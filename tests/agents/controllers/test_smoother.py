@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
+from agents.controllers.residual import base_controller
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.tuned import tuned_controllers, tuned_settings
 from agents.evaluation.rollout import run_episodes
@@ -63,15 +64,33 @@ def test_its_estimates_tell_where_the_tip_is():
 
 
 def test_where_the_fit_fails_the_bank_of_filters_counts():
-    """A misfit of 0 is never reached: from the first search on its actions are those of the bank."""
+    """A misfit of 0 is never reached: from the first search on its tip, tensions and play are those of the bank."""
     controller = smoother(misfit=0.0)
     settings = controller.settings
     bank = FilterFeedback(FilterFeedbackSettings(settings.filter, settings.feedback, settings.probe))
-    ours, theirs = driven(controller, 24, other=bank)
-    assert np.ptp(ours[17:]) > 0.1
-    np.testing.assert_allclose(ours[17:], theirs[17:], atol=1e-9)
-    trusting, theirs = driven(smoother(misfit=1e9), 24, other=bank)
-    assert np.abs(trusting[17:] - theirs[17:]).max() > 0.1
+    driven(controller, 24, other=bank)
+    np.testing.assert_allclose(controller.estimates(), bank.estimates(), atol=1e-9)
+    trusting = smoother(misfit=1e9)
+    driven(trusting, 24, other=bank)
+    assert np.abs(trusting.estimates() - bank.estimates()).max() > 0.01
+
+
+WORN = {"play_mm": [2.0, 3.0]}, {"sheath_friction": [0.0, 0.6]}
+
+
+@pytest.mark.parametrize(
+    ("env_id", "actuation", "seed"),
+    [
+        (SHIFT, WORN[0], 5_010_226),
+        (SHIFT, WORN[1], 5_010_237),
+        ("rj_gym/SlowCamera-v0", {}, 5_020_361),
+        ("rj_gym/Instrument-v1", {}, 5_020_394),
+    ],
+)
+def test_chains_that_are_slack_or_at_their_limits_do_not_stop_it(env_id, actuation, seed):
+    """Feedback without regard to that ends 25 to 55 mm from the target in these episodes."""
+    env = EnvConfig(env_id, settings={"actuation": actuation} if actuation else {})
+    assert run_episodes(env, tuned_controllers(env_id)["smoother"], [seed]).last_errors.mean() < 1.0
 
 
 def test_it_goes_on_after_a_pickle_and_is_alone_as_beside_others():
@@ -101,7 +120,6 @@ def test_without_the_last_actions_in_the_observation_it_remembers_its_own():
     [
         (INSTRUMENT, {"load": {"process": "step"}}, "load.process"),
         ("rj_gym/LatePose-v0", {"sensing": {"pose": "tip"}}, "poses of all links"),
-        (INSTRUMENT, {"friction": {}}, "without springs and friction"),
         (INSTRUMENT, {"observe_tensions": False}, "observe_tensions"),
         ("rj_gym/ArmInstrument-v0", {"load": {"process": "step"}}, "constant"),
         ("rj_gym/ArmInstrument-v0", {"friction": None}, "friction"),
@@ -113,6 +131,18 @@ def test_worlds_that_it_does_not_know_are_refused_in_one_line(env_id, settings, 
     with pytest.raises(InvalidInput, match=match) as refusal:
         run_episodes(EnvConfig(env_id, settings=settings), smoother(), SEEDS[:1])
     assert "\n" not in str(refusal.value)
+
+
+def test_friction_in_the_chain_is_taken_for_that_of_sheaths():
+    """Measured in 128 episodes: 0.92 mm, where open loop has 2.7."""
+    env = EnvConfig(SHIFT, settings={"friction": {"mu": [0.05, 0.1]}})
+    controller = tuned_controllers(SHIFT)["smoother"]
+    assert run_episodes(env, controller, SEEDS[:4]).last_errors.mean() < 1.8
+
+
+def test_where_it_does_not_drive_its_worlds_are_named():
+    with pytest.raises(ConfigError, match="It drives rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0"):
+        base_controller("smoother", "rj_gym/RollingJoint-v0")
 
 
 def test_settings_out_of_range_are_refused():

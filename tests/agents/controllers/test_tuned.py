@@ -2,33 +2,43 @@
 
 import pickle
 from functools import cache, partial
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 
+from agents.controllers import tuned
+from agents.controllers.controller import FunctionController
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive, ProbeSettings
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import Outlook, cross_play, damped_increments, look_ahead
 from agents.controllers.open_loop import FrictionOpenLoop, OpenLoop, true_friction
 from agents.controllers.privileged_feedback import PrivilegedFeedback
-from agents.controllers.residual import base_controller
+from agents.controllers.residual import base_controller, controller_of, output_size
 from agents.controllers.search_space import Choice, LogUniform, Uniform, drawn_settings, settings_near, value_at
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.steps import KEEP, FeedbackSettings, length_responses, tensions_within_margin
-from agents.controllers.tuned import WORLDS, tunable_in, tuned_controllers
+from agents.controllers.tuned import BLIND, WORLDS, tunable_in, tuned_controllers, world_of
 from agents.evaluation.rollout import run_episodes
+from agents.runs.config import env_settings, load_config
 from agents.runs.environment import EnvConfig
 from agents.tuning import controllers as tune
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
-from rollingjoint.checked_yaml import read_yaml
+from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.errors import ConfigError, InvalidInput
 
 INSTRUMENT, CAMERA, LATE = "rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0", "rj_gym/LatePose-v0"
 ARM = "rj_gym/ArmInstrument-v0"
 SEEDS = range(4_000_000, 4_000_040)
+
+
+def env_of(world):
+    """The environment of a world: of an id, or with the settings of the file that hides the tip."""
+    settings = env_settings(Path("configs/env/pitch_yaw_blind.yaml")) if world.endswith(BLIND) else {}
+    return EnvConfig(world.removesuffix(BLIND), settings=settings)
 
 
 def last_error(controller, env_id=INSTRUMENT, seeds=SEEDS, **settings):
@@ -51,23 +61,44 @@ def test_the_better_a_filter_knows_the_instrument_the_nearer_it_comes():
     assert probing < 1.0
 
 
-@pytest.mark.parametrize("env_id", WORLDS)
-def test_all_opponents_have_been_tuned(env_id):
-    found = tuned_controllers(env_id)
-    assert list(found) and set(found) == set(tunable_in(env_id))
+@pytest.mark.parametrize("world", WORLDS)
+def test_all_opponents_have_been_tuned(world):
+    found = tuned_controllers(world)
+    assert list(found) and set(found) == set(tunable_in(world))
     kept = read_yaml(tune.TUNED)
-    content = kept[env_id if env_id in kept else env_id.replace("-v1", "-v0")]
-    for name, tuned in content.items():
-        assert tuned["tries"] >= 20 and tuned["episodes"] >= 250, name
-        assert 0.0 < tuned["validation_mm"] < (100.0 if "Arm" in env_id and name == "open loop" else 6.0)
+    content = kept[world.replace("-v1", "-v0")] | kept.get(world, {})
+    for name, record in content.items():
+        assert record["tries"] >= 20 and record["episodes"] >= 250, name
+        assert 0.0 < record["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
 
 
-@pytest.mark.parametrize("env_id", WORLDS)
-def test_actions_are_finite_whatever_is_seen_and_after_the_end(env_id):
+def test_what_is_tuned_in_a_later_version_replaces_the_settings_of_the_first_one_by_one(tmp_path, monkeypatch):
+    later, content = INSTRUMENT.replace("-v0", "-v1"), read_yaml(tune.TUNED)
+    bank = content[INSTRUMENT]["probing bank"]
+    settings = bank["settings"] | {"filter": bank["settings"]["filter"] | {"hypotheses": 16}}
+    file = tmp_path / "tuned.yaml"
+    file.write_text(dump_yaml({**content, later: {"probing bank": bank | {"settings": settings}}}))
+    monkeypatch.setattr(tuned, "TUNED", file)
+    monkeypatch.setattr(tuned, "_tuned", tuned._tuned.__wrapped__)
+    hypotheses = [
+        [tuned_controllers(env_id)[name].settings.filter.hypotheses for name in ("probing bank", "smoother")]
+        for env_id in (INSTRUMENT, later)
+    ]
+    assert hypotheses == [[32, 32], [16, 16]]
+    assert list(tuned_controllers(later)) == list(tuned_controllers(INSTRUMENT))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_a_world_is_found_by_its_environment(world):
+    assert world_of(env_of(world)) == world
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_actions_are_finite_whatever_is_seen_and_after_the_end(world):
     """Random observations, far from any that a mechanism gives: filters have no equilibrium for many of them."""
     rng = np.random.default_rng(0)
-    for name, controller in tuned_controllers(env_id).items():
-        task = task_of(EnvConfig(env_id).arguments()["config"])
+    for name, controller in tuned_controllers(world).items():
+        task = task_of(env_of(world).arguments()["config"])
         low, high = task.observation_bounds()
         controller.begin(task, 6)
         for _ in range(task.config.episode_steps + 3 if name == "probing bank" else 6):
@@ -98,6 +129,7 @@ def test_compiled_increments_are_those_of_jacobian_feedback():
     tips, tensions = map(np.ascontiguousarray, length_responses(model))
     moves = np.empty((50, 4))
     limits, some = tensions_within_margin(task.config.tension_range), feedback.settings
+    limits = [np.full((50, 4), limit) for limit in limits]
     weights = some.stiffen, some.damping, some.far, KEEP
     damped_increments(tips, tensions, np.array(model.tensions), way, wanted, *limits, 1.0, *weights, moves)
     np.testing.assert_allclose(moves, expected, atol=1e-9)
@@ -235,7 +267,9 @@ def test_tuning_keeps_the_best_of_its_tries_in_the_file(tmp_path, capsys):
     kept = read_yaml(file)[CAMERA]["jacobian feedback"]
     said = [float(line.split()[0]) for line in capsys.readouterr().out.splitlines()[:4]]
     assert min(said) <= round(kept["tuning_mm"], 3) <= max(said)
-    again = tune.last_error(CAMERA, tunable_in(CAMERA)["jacobian feedback"], kept["settings"], tune.VALIDATION.start, 4)
+    again = tune.last_error(
+        EnvConfig(CAMERA), tunable_in(CAMERA)["jacobian feedback"], kept["settings"], tune.VALIDATION.start, 4
+    )
     assert again == pytest.approx(kept["validation_mm"], abs=1e-4)
     assert tune.main([*command, "--output", str(file), "--seed", "1"]) == 0
     assert list(read_yaml(file)) == [CAMERA]
@@ -271,6 +305,14 @@ def test_feedback_on_filters_takes_an_arm_to_its_rest_tension():
         last_error(controller, ARM, SEEDS[:3])
         estimated = controller.estimates()[:, 3:11] * controller.task.config.tension_range[1]
         assert estimated.mean() == pytest.approx(rest, abs=0.5)
+
+
+def test_a_run_on_top_of_a_filter_drives_with_that_of_its_world():
+    """Its id alone has no filter: settings hide the tip."""
+    config = load_config("configs/train/apg_pitch_yaw_blind.yaml")
+    driving = controller_of(config, FunctionController(lambda observation: np.zeros((1, 8))))
+    assert isinstance(driving.base.controller, FilterFeedback)
+    assert output_size(config.residual, config.env) == 8 + 3 + 3 * 8
 
 
 def test_a_base_controller_with_filters_outputs_its_estimates_and_goes_on_after_a_pickle():

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import pytest
+import torch
 from gymnasium.vector import AutoresetMode
 
 from agents import train
+from agents.learners.tape import StepTape
 from agents.policies.export import check_against_torch, export_policy
 from agents.runs.config import TrainConfig
 from agents.training.build import build_model, close
@@ -19,6 +22,20 @@ from agents.training.callbacks import Evaluator
 from agents.training.learn import learn
 from rollingjoint.checked_yaml import dump_yaml
 from tests.agents.training.test_resume import weights
+
+
+@dataclass(frozen=True)
+class Player:
+    """An actor whose step is a function of observations and memory, with these parameters."""
+
+    step: Callable[[torch.Tensor, torch.Tensor | None], tuple[torch.Tensor, torch.Tensor]]
+    weights: tuple[torch.Tensor, ...] = ()
+
+    def parameters(self) -> tuple[torch.Tensor, ...]:
+        return self.weights
+
+    def tape(self, steps: int, lanes: int) -> StepTape:
+        return StepTape(self)
 
 
 def lanes_of(env_id: str, count: int, **overrides: Any) -> Any:

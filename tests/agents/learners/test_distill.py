@@ -17,6 +17,7 @@ from agents.training.build import build_model, close
 from agents.training.learn import learn
 from rollingjoint.errors import ConfigError
 from tests.agents.learners.checks import (
+    Player,
     check_that_a_stopped_run_ends_with_the_same_weights,
     check_that_numpy_acts_as_torch,
     lanes_of,
@@ -93,7 +94,7 @@ def test_the_teacher_drives_its_share_of_the_lanes(share: float) -> None:
         return torch.zeros(len(x), m), torch.zeros(len(x), 1)
 
     episodes = TaughtEpisodes(env, lambda seen: (np.zeros(seen.shape[1]), np.ones(seen.shape[1])), lambda: share)
-    played = episodes.play(still)
+    played = episodes.play(Player(still))
     assert played is not None and played.actions.shape == (6, 3, m) and played.running.all()
     assert (np.abs(env.tangent().motors - started[0]).max(1) > 0.1).tolist() == [share > 0.0] * 6
     assert played.actions.abs().amax() > 0.5

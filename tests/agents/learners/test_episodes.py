@@ -11,7 +11,10 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from agents.learners.episodes import DifferentiableEpisodes
-from agents.learners.motion import Motors, at_rest, moved, single
+from agents.learners.motion import MotionTape, Motors, Readings
+from agents.learners.recurrent import RecurrentActor
+from agents.learners.tape import StepTape, Tape
+from tests.agents.learners.checks import Player
 
 STEPS, LANES = 12, 6
 WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -76,7 +79,7 @@ def _loss(env: Any, weights: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
     task = env.unwrapped.task
     scale = np.array([0.5 if entry.name in task.pictured else 1.0 for entry in task.entries()])
     episodes = DifferentiableEpisodes(env, lambda seen: (np.zeros(len(scale)), scale))
-    played = episodes.play(act)
+    played = episodes.play(Player(act, (weights, bias)))
     assert played is not None
     return played.errors[-4:].mean()
 
@@ -104,33 +107,25 @@ def test_gradients_are_those_of_the_environment(world: Any) -> None:
 
 
 WEIGHTS = [np.cos(np.arange(16).reshape(8, 2) + step) for step in range(6)]
+NOTHING = np.zeros((8, 0))
 
 
-def _driven(env: Any, actions: torch.Tensor) -> tuple[torch.Tensor, float, dict[str, int]]:
-    """A weighted sum of tips, motors, measured tensions and commands after actions (T, B, m), and how pulls ended.
-
-    The sum has gradients in single precision; behind it the same in double precision, without.
-    """
+def _driven(env: Any, actions: Any) -> tuple[float, MotionTape, dict[str, int]]:
+    """A weighted sum of tips, motors, measured tensions and commands after actions (T, B, m), and how pulls ended."""
     _, info = env.reset(seed=5)
     half, phi = info["sampled"]["play_mm"] / 2, info["sampled"]["sheath_friction"]
-    motors = Motors(env.config.action_scale_mm, None)
-    motion, counts = at_rest(env.tangent()), dict.fromkeys(("held", "stays", "in_play"), 0)
-    total, exact = torch.zeros(()), 0.0
+    motion = MotionTape(Motors(env.config.action_scale_mm, None), env.tangent())
+    total, counts = 0.0, dict.fromkeys(("held", "stays", "in_play"), 0)
     for action, weights in zip(actions, WEIGHTS, strict=True):
-        env.step(action.detach().numpy())
+        env.step(action)
         tangent = env.tangent()
-        motion = moved(motion, action, tangent, motors)
+        motion.add(action, tangent)
         for name in counts:
             counts[name] += int(getattr(tangent, name).sum())
         measured = tangent.tensions * np.exp(phi * np.clip((tangent.commands - tangent.motors) / half, -1, 1))
-        for part, value in (
-            (motion.tip, tangent.tips),
-            (motion.motor, tangent.motors),
-            (motion.tension, measured),
-            (motion.command, tangent.commands),
-        ):
-            total, exact = total + (part * single(weights)).sum(), exact + float((value * weights).sum())
-    return total, exact, counts
+        for value in (tangent.tips, tangent.motors, measured, tangent.commands):
+            total += float((value * weights).sum())
+    return total, motion, counts
 
 
 def test_gradients_through_pulls_that_limits_cut_are_the_differences() -> None:
@@ -138,17 +133,65 @@ def test_gradients_through_pulls_that_limits_cut_are_the_differences() -> None:
     actuation = {"play_mm": (0.5, 1.0), "tension_limit": (3.5, 5.0), "limit_at": "motor"}
     env: Any = gymnasium.make_vec("rj_gym/Instrument-v0", 8, "vector_entry_point", actuation=actuation).unwrapped
     rng, h = np.random.default_rng(2), 1e-4
-    values = rng.uniform(-0.3, 0.8, (6, 8, 2))
-    actions = torch.tensor(values, requires_grad=True)
-    total, exact, counts = _driven(env, actions)
-    total.backward()
-    assert min(counts.values()) > 5 and total.item() == pytest.approx(exact, rel=1e-5), counts
-    assert actions.grad is not None
+    actions = rng.uniform(-0.3, 0.8, (6, 8, 2))
+    _, motion, counts = _driven(env, actions)
+    assert min(counts.values()) > 5, counts
+    motion.begin_back()
+    gradient = np.stack(
+        [motion.back(Readings(weights, weights, weights, NOTHING), weights) for weights in reversed(WEIGHTS)]
+    )[::-1]
     wrong = 0
-    for place in np.ndindex(*values.shape):
-        change = np.zeros_like(values)
+    for place in np.ndindex(*actions.shape):
+        change = np.zeros_like(actions)
         change[place] = h
-        more, less = (_driven(env, torch.tensor(values + way * change))[1] for way in (1, -1))
+        more, less = (_driven(env, actions + way * change)[0] for way in (1, -1))
         expected = (more - less) / (2 * h)
-        wrong += abs(actions.grad[place].item() - expected) > 0.01 + 0.01 * abs(expected)
+        wrong += abs(gradient[place] - expected) > 0.01 + 0.01 * abs(expected)
     assert wrong <= 1  # where a pull ends in another way within the difference
+
+
+class TapedByTorch(RecurrentActor):
+    """A RecurrentActor whose derivatives torch takes."""
+
+    def tape(self, steps: int, lanes: int) -> StepTape:
+        return StepTape(self)
+
+
+def _gradients(tape: Tape, x: torch.Tensor, weights: torch.Tensor) -> list[torch.Tensor]:
+    """Actions, memories, and gradients by parameters and x of sums with weights over actions and memories."""
+    actions = torch.stack([tape.step(row) for row in x])
+    tape.begin_back()
+    m = actions.shape[-1]
+    by_x = [tape.back(by[:, :m], by[:, m:]) for by in reversed(weights)]
+    return [actions, tape.memories, *tape.gradients(), torch.stack(by_x)]
+
+
+def test_gradients_by_hand_through_a_memory_are_those_of_torch() -> None:
+    torch.manual_seed(0)
+    actor, x, weights = RecurrentActor(5, 2, 16), torch.randn(9, 4, 5), torch.randn(9, 4, 2 + 16)
+    by_hand, by_torch = (_gradients(tape, x, weights) for tape in (actor.tape(9, 4), StepTape(actor)))
+    for ours, theirs in zip(by_hand, by_torch, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_episodes_by_hand_have_the_gradients_of_torch() -> None:
+    """Of errors, actions and memories, with gradients of lanes bounded and pictures that come late."""
+    results = []
+    for kind in (RecurrentActor, TapedByTorch):
+        torch.manual_seed(1)
+        env = gymnasium.make_vec(
+            "rj_gym/LatePose-v0", LANES, "vector_entry_point", episode_steps=STEPS, observe_history=1,
+            autoreset_mode=AutoresetMode.DISABLED,
+        )  # fmt: skip
+        env.reset(seed=2)
+        entries, m = env.single_observation_space.shape[0], env.single_action_space.shape[0]
+        actor, scale = kind(entries, m, 16), np.full(entries, 0.5)
+        episodes = DifferentiableEpisodes(env.unwrapped, lambda _, scale=scale: (0.0 * scale, scale), 0.3)
+        played = episodes.play(actor)
+        assert played is not None
+        (played.errors[-4:].mean() + played.actions.square().mean() + played.memories.square().mean()).backward()
+        results.append([parameter.grad for parameter in actor.parameters()])
+        env.close()
+    for ours, theirs in zip(*results, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
+        assert ours is not None and ours.abs().max() > 1e-4

@@ -15,7 +15,7 @@ from agents.runs.config import TrainConfig
 from agents.training.build import build_model, close
 from agents.training.learn import learn
 from rollingjoint.errors import ConfigError
-from tests.agents.learners.checks import check_that_a_stopped_run_ends_with_the_same_weights, lanes_of
+from tests.agents.learners.checks import Player, check_that_a_stopped_run_ends_with_the_same_weights, lanes_of
 
 STEPS, LANES, WORLD = 8, 16, "rj_gym/InstrumentShift-v0"
 LESSONS = {"lessons": 0.5, "teacher": "open loop", "gradient_steps": 3, "batch_size": 8, "kept_rollouts": 4}
@@ -109,13 +109,14 @@ def test_a_residual_policy_adds_to_its_base_and_sees_its_outputs() -> None:
         def act(
             x: torch.Tensor, memory: torch.Tensor | None, own: torch.Tensor = own, shown: list[Any] = shown
         ) -> tuple[torch.Tensor, torch.Tensor]:
-            shown.append(x)
+            shown.append(x.detach())
             return own.expand(len(x), 2), torch.zeros(len(x), 1)
 
         def as_it_is(seen: Any) -> tuple[Any, Any]:
             return np.zeros(seen.shape[1]), np.ones(seen.shape[1])
 
-        played = DifferentiableEpisodes(env, as_it_is, base=Constant(pulls) if on_top else None).play(act)
+        episodes = DifferentiableEpisodes(env, as_it_is, base=Constant(pulls) if on_top else None)
+        played = episodes.play(Player(act, (own,)))
         assert played is not None
         played.errors[-1].mean().backward()
         assert own.grad is not None

@@ -16,7 +16,7 @@ from agents.policies.shipped import ShippedPolicy
 from agents.shipped import list_policies, load_policy
 from rj_gym import InstrumentV1Config
 from rj_gym.registry import version_of
-from rollingjoint.errors import RollingJointError
+from rollingjoint.errors import InvalidInput, RollingJointError
 from tests.agents.policies.made_up import random_policy
 
 FILES = sorted(FOLDER.glob("*.safetensors"))
@@ -51,6 +51,39 @@ class Noisy(ShippedPolicy):
     def __call__(self, observation):
         action = super().__call__(observation)
         return action + np.random.default_rng(0).uniform(-1e-6, 1e-6, action.shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", [None, 3, b"instrument"])
+def test_a_policy_is_named_by_text(name):
+    with pytest.raises(PolicyError, match="one of arm_instrument, drifting_load") as refused:
+        load_policy(name)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_policy_begins_in_an_environment_as_with_its_task():
+    policy = load_policy("instrument")
+    settings = {"config": policy.settings}
+    envs = gymnasium.make_vec(policy.env_id, 3, "vector_entry_point", **settings)
+    for env, rows in ((gymnasium.make(policy.env_id, **settings), 1), (envs, 3)):
+        observations = np.atleast_2d(env.reset(seed=0)[0])
+        policy.begin(env)
+        actions = policy.act(observations)
+        policy.begin(env.unwrapped.task, episodes=rows)
+        assert np.array_equal(policy.act(observations), actions)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("fixed_target", "expected a tracking task, env.unwrapped.task, or the environment itself"),
+        (gymnasium.make("CartPole-v1"), "not one of rj_gym"),
+        (gymnasium.make("rj_gym/CurvatureDesign-v0"), "not one of rj_gym"),
+    ],
+)
+def test_a_policy_says_in_one_line_what_it_can_begin_with(given, words):
+    with pytest.raises(InvalidInput, match=words) as refused:
+        load_policy("fixed_target").begin(given)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.slow

@@ -111,6 +111,20 @@ def test_other_worlds_show_what_they_make_of_every_controller():
     assert row.endswith("| +100 [+100, +100] |")
 
 
+def test_the_time_of_an_action_has_a_column_where_it_was_measured(tmp_path):
+    record = benchmark(controller("learned", POLICY, 0.0, 0.5), controller("filter", BASELINE, 1.0))
+    tables = Tables(record)
+    assert "µs per action" not in tables.table(tables.worlds[0])
+    for run, microseconds in zip(record.controllers[0].runs, (4.0, 5.0), strict=True):
+        run.driven[TEST] = replace(run.driven[TEST], action_us=microseconds)
+    write_results(tmp_path / "results.json", Results([record]))
+    (record,) = read_results(tmp_path / "results.json").benchmarks
+    tables = Tables(record)
+    head, _, learned, other, *_ = tables.table(tables.worlds[0]).splitlines()
+    column = [cell.strip() for cell in head.split("|")].index("µs per action")
+    assert [row.split("|")[column].strip() for row in (learned, other)] == ["4.5", ""]
+
+
 def complete() -> Results:
     worlds = [
         replace(WORLDS[0], floors=np.where(np.arange(E) % 2, 0.01, np.nan)),

@@ -233,6 +233,7 @@ def test_runs_alone_complete_results_that_have_their_opponents(runs, out, tmp_pa
     ]
     alone, whole = (read_results(folder / "results.json.gz") for folder in (tmp_path, out))
     assert {one.kind for record in alone.benchmarks for one in record.controllers} == {POLICY}
+    assert "--runs-only" in alone.commands[-1]
     first = [
         replace(record, controllers=[replace(one, runs=one.runs[:1]) for one in record.controllers])
         for record in whole.benchmarks

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents.controllers import Controller
+from agents.controllers import Controller, untuned_controllers
 from agents.results import films, roster
 from agents.results.description import _actuation, _sensing, description
 from agents.results.environment import changed, episodes_key
@@ -35,7 +35,7 @@ def test_what_a_learner_remembers_makes_no_other_task_but_what_is_measured_does(
 
 
 @pytest.mark.parametrize(
-    "name", ["ppo_late_pose", "her_late_pose", "recurrent_ppo_late_pose", "apg_late_pose", "late_pose"]
+    "name", ["ppo_late_pose", "her_late_pose", "recurrent_ppo_late_pose", "plain_ppo_late_pose", "apg_late_pose"]
 )
 def test_a_task_is_called_what_is_behind_its_algorithm(name):
     assert _title([Recipe(name, [])]) == "late pose"
@@ -132,7 +132,7 @@ def test_an_opponent_that_does_not_find_what_it_needs_is_left_out_and_says_why(m
             return self.read(observations)._entries("the truth")
 
     others = roster.candidates("rj_gym/RollingJoint-v0")
-    monkeypatch.setattr(roster, "candidates", lambda env_id: others | {"blind": Blind()})
+    monkeypatch.setattr(roster, "candidates", lambda world: others | {"blind": Blind()})
     able, impossible = opponents(EnvConfig())
     assert able.keys() == others.keys() and impossible.keys() == {"blind"}
     assert "observation entry = 'the truth': expected one of link 1 x" in impossible["blind"]
@@ -192,3 +192,15 @@ def test_the_motors_and_sensors_of_version_1_are_described():
     text = description(InstrumentV1Config())
     assert "from measured tensions of 3 N" in text and "limit, 10 to 30 N" in text and "0.02 mm" in text
     assert text != description(InstrumentConfig())
+
+
+def test_an_instrument_at_any_attitude_is_described_and_its_opponents_are_those_that_see_the_tip():
+    env = EnvConfig("rj_gym/PitchYaw-v0")
+    text = description(env.arguments()["config"])
+    assert (
+        "It is held at any attitude; a payload of 0 to 0.2 N hangs from its tip. Attitude and payload are not" in text
+    )
+    assert list(opponents(env)[0]) == list(untuned_controllers())
+    found = worlds_of(env, ScoringPlan(range(9_000_000, 9_000_004), range(2), 2))
+    assert [world.heading for world in found if world.role == SHIFT] == ["Heavier loads than in training, 0.2 to 0.3 N"]
+    assert {world.axis for world in found if world.role == SWEEP} == {"load [N]"}

@@ -24,6 +24,7 @@ from agents.search.methods import METHODS
 from agents.search.outcome import Search, median
 from agents.search.problem import KINDS, against, check, design_problem
 from agents.search.report import CAPTIONS, SearchReport
+from rollingjoint import SpatialChain
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -83,7 +84,8 @@ def test_the_scale_reference_is_what_the_reference_has(tmp_path):
 
 
 def test_there_is_a_shipped_search_for_every_objective():
-    kinds = {item["kind"] for path in SHIPPED for item in load_search(path).objectives}
+    configs = [load_search(path) for path in SHIPPED]
+    kinds = {item["kind"] for config in configs for item in (*config.objectives, *config.limits)}
     assert kinds == set(KINDS)
 
 
@@ -239,3 +241,48 @@ def test_ctrl_c_stops_and_the_same_command_ends_as_if_it_had_not(tmp_path):
     subprocess.run(commands[1], check=True)
     for one, other in zip(Search.read(outs[0]).all, Search.read(outs[1]).all, strict=True):
         assert np.array_equal(one.evaluated.x, other.evaluated.x)
+
+
+IN_SPACE = """
+space: {kind: space, n_joints: 4}
+objectives:
+  - {kind: tip_stiffness, tensions: [[3, 3, 3, 3], [5, 3, 2, 3]], scale: reference}
+limits:
+  - {kind: tilting_margin, tensions: [[5, 3, 2, 3]], low: 0}
+held_out:
+  tip_stiffness: {tensions: [[4, 4, 4, 4]]}
+reference: pitch_yaw
+methods:
+  random: {batch: 4}
+  sqp: {}
+budget: 8
+seeds: [1]
+"""
+
+
+def test_chains_in_space_are_searched_reported_and_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(options, "LocalExecutor", lambda jobs: InlineExecutor())
+    out = tmp_path / "out"
+    assert main([str(written(tmp_path, IN_SPACE)), "--out", str(out), "--jobs", "1"]) == 0
+    best = load_mechanism(out / "best.yaml")
+    assert isinstance(best, SpatialChain) and best.n_joints == 4
+    assert (out / "shapes.png").stat().st_size > 0 and "pitch_yaw" in (out / "report.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("kind: space", "kind: round", "space.kind: unknown key = 'round'"),
+        ("reference: pitch_yaw", "reference: five_link", "a chain in space"),
+        ("n_joints: 4", "knots: 4", "knots"),
+        (
+            "kind: tip_stiffness, tensions: [[3, 3, 3, 3], [5, 3, 2, 3]]",
+            "kind: tip_travel",
+            "DifferentiableSpatialChain",
+        ),
+    ],
+)
+def test_a_search_in_space_that_cannot_be_is_refused(old, new, message, tmp_path):
+    assert old in IN_SPACE
+    with pytest.raises(ConfigError, match=message):
+        check(load_search(written(tmp_path, IN_SPACE.replace(old, new).replace("scale: reference", "scale: 1"))))

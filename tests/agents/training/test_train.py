@@ -116,7 +116,7 @@ def test_the_policy_of_another_run_drives_the_same_episodes(run, tmp_path, no_pi
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--beside", "nowhere"], "nowhere"),
+        (["--beside", "nowhere"], "error: --beside: run folder = 'nowhere'"),
         (["--policy", "000000033"], "000000033/policy.safetensors"),
         (["--episodes", "0"], "--episodes"),
         (["--seed", "1"], "seeds that training has not used"),

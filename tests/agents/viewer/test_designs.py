@@ -10,6 +10,7 @@ from agents.search.optimiser import Evaluated
 from agents.search.pictures import archive
 from agents.search.problem import design_problem
 from agents.viewer.designs import Designs
+from rollingjoint import pitch_yaw
 from rollingjoint.errors import InvalidInput
 
 CONFIG = SearchConfig(
@@ -95,3 +96,9 @@ def test_what_is_no_search_or_no_design_is_refused(designs, tmp_path):
         Designs.read(tmp_path)
     with pytest.raises(InvalidInput, match="design"):
         designs.design(10_000)
+
+
+def test_searches_of_chains_in_space_are_refused_in_one_line(designs, monkeypatch):
+    monkeypatch.setattr("agents.viewer.designs.reference", lambda config: pitch_yaw(2))
+    with pytest.raises(InvalidInput, match="a search of planar chains"):
+        _ = Designs(designs.search).reference

@@ -134,6 +134,22 @@ def test_the_file_is_the_mechanism(tmp_path):
     assert mechanism_to_dict(read) == mechanism_to_dict(explorer.mechanism) and read.has_friction
 
 
+def test_contact_forces_and_margins_in_space_are_those_of_the_reactions():
+    explorer = Explorer.preset("pitch_yaw")
+    explorer.change(tensions=(3.0, 2.0, 2.0, 4.0), force=(0.1, 0.0, 0.0))
+    arrows, found = explorer.contact_arrows, explorer.found
+    begins, forces = np.moveaxis(arrows.reshape(12, 2, 2, 3), 2, 0)
+    assert begins.mean(axis=1) == pytest.approx(found.contact_points)
+    assert np.linalg.norm(begins[:, 0] - begins[:, 1], axis=-1) == pytest.approx(8.0)
+    total = forces.sum(axis=1)
+    assert np.linalg.norm(total, axis=1) == pytest.approx(np.linalg.norm(found.reactions[:, :3], axis=1))
+    pulls = np.array([line[-2] - line[-3] for line in explorer.mechanism.tendon_polyline(found.poses)])
+    pull = found.tensions @ (pulls / np.linalg.norm(pulls, axis=1)[:, None])
+    assert total[-1] == pytest.approx(pull - [0.1, 0.0, 0.0])  # what the last link needs to stay
+    assert f"tilting margin {found.tilting_margins.min():.2f} N" in explorer.headline
+    assert f"friction required {found.friction_required.max():.2f}" in explorer.headline
+
+
 def test_workshop_files_are_an_archive():
     pytest.importorskip("ezdxf")
     packed = zipfile.ZipFile(io.BytesIO(Explorer.preset("five_link").workshop_files("dxf")))

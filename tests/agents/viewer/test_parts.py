@@ -28,7 +28,7 @@ def task(env):
     return task_of(env.arguments()["config"])
 
 
-@pytest.mark.parametrize("name", ["five_link", "two_segment", "small_arm"])
+@pytest.mark.parametrize("name", ["five_link", "two_segment", "small_arm", "pitch_yaw", "pitch_yaw_two_segment"])
 def test_shapes_are_closed_and_point_outwards(name):
     for solid in solids(preset(name)):
         a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
@@ -53,6 +53,20 @@ def test_equal_beads_are_one_shape():
     arm = preset("flexible_arm")
     shapes = solids(arm)
     assert sum(len(solid.links) for solid in shapes) == arm.n_links - 1 and len(shapes) <= 3
+
+
+def test_links_in_space_have_their_contact_surfaces_over_the_width_of_the_line_and_marks_at_their_holes():
+    chain = preset("pitch_yaw")
+    shapes = solids(chain)
+    bodies, marks = [s for s in shapes if not s.marked], [s for s in shapes if s.marked]
+    assert len(bodies) == 4 and len(marks) <= 4  # base, pitch below yaw and the other way round, tip
+    for drawn in (bodies, marks):
+        assert sorted(link for solid in drawn for link in solid.links) == list(range(13))
+    yaw_above = next(solid for solid in bodies if 1 in solid.links).vertices
+    low, high = yaw_above.min(axis=0), yaw_above.max(axis=0)
+    assert [low[2], high[2]] == pytest.approx([-2.5, 2.5], abs=0.02)
+    top = yaw_above[yaw_above[:, 2] > 2.3]  # turns about x: the line lies along x
+    assert [np.ptp(top[:, 0]), np.ptp(top[:, 1])] == pytest.approx([8.0, 2.5], abs=0.1)
 
 
 def test_tendons_of_a_scene_have_the_tension_of_every_part_where_they_rub():

@@ -307,3 +307,43 @@ def test_the_scene_of_a_lane_is_what_happened_there_and_stays_as_it_was(env_id):
         assert [scene.step for scene in there] == [step] * 3
         np.testing.assert_array_equal([scene.trail for scene in there], seen[:, None])
     assert len({scene.poses.tobytes() for there in scenes for scene in there}) == 12
+
+
+def targets_of(infos):
+    return infos["target"].tolist()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_options_of_single_lanes_hold_as_long_as_they_are_kept(mode):
+    envs = rj_gym.RollingJointVectorEnv(4, episode_steps=2, autoreset_mode=mode)
+    near, far = {"target": (1.0, 80.0)}, {"target": (9.0, 85.0), "load": {"link": -1, "force": (0.5, 0.0)}}
+    scalar = rj_gym.RollingJointEnv(episode_steps=2)
+    observations, infos = envs.reset(seed=3, options={"lanes": [near, far, {}, near], "keep": True})
+    for lane, options in enumerate((near, far, {}, near)):
+        alone, info = scalar.reset(seed=3 + lane, options=options)
+        assert np.array_equal(observations[lane], alone)
+        assert np.array_equal(infos["sampled"]["forces"][lane], info["sampled"]["forces"])
+    drawn = targets_of(infos)[2]
+    for _ in range(4):
+        infos = envs.step(np.zeros((4, 2)))[4]
+    first, second, third, fourth = targets_of(infos)
+    assert first == fourth == [1.0, 80.0] and second == [9.0, 85.0] and third != drawn
+    envs.reset(options={"reset_mask": [True, False, False, False]})
+    for _ in range(4):
+        infos = envs.step(np.zeros((4, 2)))[4]
+    assert targets_of(infos)[0] != [1.0, 80.0] and targets_of(infos)[1] == [9.0, 85.0]
+
+
+def test_options_that_cannot_be_used_in_one_lane_change_no_lane():
+    envs, untouched = rj_gym.RollingJointVectorEnv(3), rj_gym.RollingJointVectorEnv(3)
+    envs.reset(seed=0), untouched.reset(seed=0)
+    for options, message in (
+        ({"lanes": [{}, {"target": "up"}, {}]}, "target"),
+        ({"lanes": [{}]}, r"options\['lanes'\] = .*a sequence of 3 options"),
+        ({"lanes": [{}] * 3, "target": (1.0, 80.0)}, r"no others beside it"),
+        ({"keep": "yes"}, r"options\['keep'\] = 'yes'"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            envs.reset(options=options)
+    one, other = envs.step(np.ones((3, 2))), untouched.step(np.ones((3, 2)))
+    assert np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])

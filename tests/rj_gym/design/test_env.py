@@ -350,7 +350,7 @@ def test_every_id_has_its_settings():
 
 
 def test_a_space_without_valid_designs_is_refused_when_the_environment_is_made(monkeypatch):
-    monkeypatch.setattr("rollingjoint.design.space._MOST_DRAWN", 1000)
+    monkeypatch.setattr("rollingjoint.design.box._MOST_DRAWN", 1000)
     with pytest.raises(InvalidInput, match="Narrow the ranges"):
         make(space={"n_links": 2, "symmetric": True, "convexity": (-0.05, -0.01)})
 

@@ -225,6 +225,11 @@ def test_a_reset_can_fix_limits_where_there_are_any():
     [
         ({"actuation": {"limit_at": "sheath"}}, "one of 'tendon', 'motor'"),
         ({"actuation": {"tension_limit": [30.0, 10.0]}}, "tension_limit"),
+        (
+            {"actuation": {"tension_limit": [20.0]}},
+            r"tension_limit = \[20.0\]: expected a number or two, \(low, high\) \[N\]. Write 20 or \(20, 20\)",
+        ),
+        ({"actuation": {"play_mm": [99.0]}}, "play_mm = 99.0: expected a finite number from 0 to 20"),
         ({"actuation": {"tension_limit": 2.0}}, "above 3 N"),
         ({"actuation": LIMITED, "start_tension": 7.0}, "above 7 N"),
         ({"start": "homed"}, "one of .*measured"),

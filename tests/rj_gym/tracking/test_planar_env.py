@@ -106,6 +106,20 @@ def test_registration_can_be_repeated_and_leaves_truncation_to_the_environment()
         assert gymnasium.spec(env_id).max_episode_steps is None
 
 
+def test_the_spec_tells_how_long_episodes_are_to_wrappers_that_ask():
+    from gymnasium.wrappers import TimeAwareObservation
+
+    env = TimeAwareObservation(make(episode_steps=4), flatten=True, normalize_time=True)
+    assert env.spec.max_episode_steps == 4
+    env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[0][-1] for _ in range(4)]
+    assert ends == [0.25, 0.5, 0.75, 1.0]
+    lanes = gymnasium.make_vec("rj_gym/RollingJoint-v0", 2, "vector_entry_point", episode_steps=4)
+    assert lanes.spec.max_episode_steps == 4
+    again = gymnasium.make(make(episode_steps=3).spec)
+    assert again.unwrapped.config.episode_steps == 3
+
+
 @variants
 def test_same_seed_gives_the_same_rollout_also_after_other_episodes(env_id, settings):
     settings = settings | {"episode_steps": 12}

@@ -69,6 +69,7 @@ def test_lanes_find_what_the_solver_for_all_cases_finds(chain, monkeypatch):
     assert np.all(fast.status == slow.status)
     assert np.allclose(fast.poses, slow.poses, rtol=0.0, atol=1e-6)
     assert np.allclose(fast.tensions, slow.tensions, rtol=0.0, atol=1e-7)
+    assert np.abs(fast.iterations - slow.iterations).max() <= 1  # a wrong stiffness would only cost steps
 
 
 def test_designs_and_laws_of_their_own_are_those_of_their_rows():

@@ -62,7 +62,7 @@ def test_friction_and_rolling_resistance_are_identified_from_tips(
     assert "Only planar chains have it" in line
 
 
-def test_files_for_the_workshop_are_refused_in_one_line(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert rj("export pitch_yaw --out files") == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "planar chain of rolling links, not a chain in space" in line and not Path("files").exists()
+def test_files_for_the_workshop_are_stl_of_every_link(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("export pitch_yaw --out files --channel 1 --tensions 3 2 2 2.5") == 0
+    links = [f"files/link_{link}.stl" for link in range(13)]
+    assert capsys.readouterr().out.splitlines() == [*links, "files/assembly.stl", "files/parts.csv"]

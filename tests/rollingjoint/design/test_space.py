@@ -276,7 +276,7 @@ def test_more_than_a_fifth_of_the_default_space_is_valid():
 
 
 def test_a_space_without_valid_designs_says_how_many_it_drew(monkeypatch):
-    monkeypatch.setattr("rollingjoint.design.space._MOST_DRAWN", 1000)
+    monkeypatch.setattr("rollingjoint.design.box._MOST_DRAWN", 1000)
     with pytest.raises(InvalidInput, match="0 valid of 1024 drawn"):
         drawn(DesignSpace(convexity=(-0.03, 0.0)), 1, 15, valid=True)
 

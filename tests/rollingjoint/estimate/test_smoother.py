@@ -109,7 +109,7 @@ def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
     rng, ranges = np.random.default_rng(1), HiddenRanges(**RANGES, **SURFACES, gain=(0.9, 1.1), zero=(-0.3, 0.3))
     prior = HiddenPrior.of(chain, ranges)
     followed = _Followed(
-        chain, prior, LAW._replace(tension_share=0.0), surface_tables(chain, prior.layout, START), STEPS
+        chain, [prior], LAW._replace(tension_share=0.0), surface_tables(chain, prior.layout, START), STEPS
     )
     numbers = drawn(prior, rng, 1)[0]
     motors, tensions, _ = measured(chain, numbers, prior.layout, moves(rng, 12, chain.n_tendons), chain.n_links - 1)
@@ -118,7 +118,9 @@ def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
     rows = np.concatenate([numbers[None], *(numbers + way * step * np.diag(prior.sds) for way in (1.0, -1.0))])
     episodes, pictures = np.zeros(len(rows), np.int64), np.full((12, chain.n_joints, 3), np.nan)
     pictures[::5] = chain.poses(chain.neutral_angles)[1:]
-    track = followed.followed(history_of(motors, tensions, pictures), episodes, episodes + chain.n_links - 1, rows)
+    track = followed.followed(
+        history_of(motors, tensions, pictures), episodes, episodes + chain.n_links - 1, episodes, rows
+    )
     assert track.steps.tolist() == [12] * len(rows)
     for values, rates in ((track.tip, track.tip_by[0]), (track.tensions, track.tensions_by[0])):
         expected = (values[1 : K + 1] - values[K + 1 :]).T / (2 * step)
@@ -127,10 +129,44 @@ def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
     np.testing.assert_allclose(track.slope[0], slope, rtol=1e-5, atol=1e-3)
 
 
+def test_tables_of_surfaces_have_at_their_points_the_rates_of_lengths():
+    """Both points are a few table steps from an end of the joint's range."""
+    prior, joint, step = HiddenPrior.of(CHAIN, HiddenRanges(**RANGES, **SURFACES)), 1, 1e-3
+    tables = surface_tables(CHAIN, prior.layout, START)
+    points = np.array([3, len(tables.values[joint]) - 4])
+    angles = np.tile(CHAIN.neutral_angles, (2, 1))
+    angles[:, joint] = tables.lowest[joint] + points / tables.per_radian[joint]
+    for number in (0, 1, 3, 4):  # x and y of the surface below and of the one above
+        displaced = np.zeros((CHAIN.n_links, 2, 3))
+        displaced[joint + number // 3, 1 - number // 3, number % 3] = step
+        longer, shorter = (varied_chain(CHAIN, way * displaced, np.ones(2)).tendon_lengths(angles) for way in (1, -1))
+        values = tables.values[joint, points, 4 * number : 4 * number + 2]
+        np.testing.assert_allclose(values, (longer - shorter) / (2.0 * step), rtol=0, atol=1e-9)
+
+
+def test_a_worn_mechanism_is_found_where_the_fit_is_in_doubt():
+    rng, told = (
+        np.random.default_rng(11),
+        HiddenRanges(**RANGES | {"play_mm": (0.5, 2.0), "sheath_friction": (0.0, 0.3)}),
+    )
+    prior, worn = HiddenPrior.of(CHAIN, told), HiddenPrior.of(CHAIN, told.worn())
+    numbers, way = drawn(prior, rng, 4), moves(rng, STEPS, 2)
+    at = prior.layout
+    numbers[:2, at.half_widths : at.frictions], numbers[2:, at.frictions : at.places] = 1.4, 0.5
+    motors, tensions, tips = map(np.stack, zip(*(measured(CHAIN, row, at, way) for row in numbers), strict=True))
+    law, effort = LAW._replace(tension_sd=0.02), Effort(coarse_sd=0.1, doubt=0.6)
+    smoother = Smoother(CHAIN, prior, law, [4], effort, STEPS, worn=worn)
+    estimate = smoothed(smoother, motors, tensions)
+    assert smoother.priors.tolist() == [1] * 4 and np.all(estimate.misfit < 0.1)
+    np.testing.assert_allclose(estimate.tip, tips[:, -1], atol=0.05)
+    alone = smoothed(Smoother(CHAIN, prior, law, [4], effort, STEPS), motors, tensions)
+    assert np.all(alone.misfit > 0.6)
+
+
 def test_displaced_surfaces_act_as_those_of_a_chain_with_them():
     """But for what is not linear in them, and for kinks of the profiles."""
     rng, prior = np.random.default_rng(2), HiddenPrior.of(CHAIN, HiddenRanges(**RANGES, **SURFACES))
-    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
+    followed = _Followed(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     whole, way = drawn(prior, rng, 1)[0], moves(rng, STEPS, 2)
     for share in (1.0, 0.2):
         numbers = whole.copy()
@@ -139,7 +175,7 @@ def test_displaced_surfaces_act_as_those_of_a_chain_with_them():
         plain[prior.layout.surfaces :] = 0.0
         motors, tensions, tips = measured(CHAIN, numbers, prior.layout, way)
         rows, episodes = np.array([numbers, plain]), np.zeros(2, np.int64)
-        track = followed.followed(history_of(motors, tensions), episodes, episodes + 4, rows)
+        track = followed.followed(history_of(motors, tensions), episodes, episodes + 4, episodes, rows)
         near, far = np.linalg.norm(track.tip - tips[-1], axis=1)
         assert far > 0.3 * share and near < 0.1 * far
         assert track.misfit[0] < 0.01 * track.misfit[1]
@@ -193,14 +229,14 @@ def test_its_minimum_is_that_of_a_general_least_squares_solver():
     truth, way = drawn(prior, rng, 1)[0], moves(rng, 14, 2)
     motors, tensions, _ = measured(CHAIN, truth, prior.layout, way)
     tensions = tensions + 0.1 * rng.standard_normal(tensions.shape)
-    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
+    followed = _Followed(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     smoother = Smoother(CHAIN, prior, LAW, [4], Effort(every=1, passes=20, moved=1e-9), 14)
     estimate = smoothed(smoother, motors[None], tensions[None])
     varied = np.flatnonzero(prior.sds)
     one, tip = np.zeros(1, np.int64), np.array([4])
 
     def cost(numbers):
-        return followed.followed(history_of(motors, tensions), one, tip, numbers[None]).cost[0]
+        return followed.followed(history_of(motors, tensions), one, tip, one, numbers[None]).cost[0]
 
     def residuals(units):
         numbers = prior.means.copy()
@@ -266,7 +302,7 @@ def test_a_force_that_wanders_is_where_the_cost_is_least():
     one, link = np.zeros(1, np.int64), np.array([4])
 
     def cost(numbers, forces):
-        return followed.followed(smoother.history, one, link, numbers, forces).cost[0]
+        return followed.followed(smoother.history, one, link, one, numbers, forces).cost[0]
 
     least, varied = cost(numbers, forces), [k for k in np.flatnonzero(prior.sds) if k > 1]
     np.testing.assert_allclose(track.cost, least, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Pictures of hinge chains: what is drawn where."""
+"""Pictures of chains in space: what is drawn where."""
 
 from __future__ import annotations
 
@@ -88,6 +88,56 @@ def test_contact_lines_have_the_colour_of_their_margin_and_a_dot_at_the_centre_o
     assert ends.mean(axis=0) == pytest.approx(at.contact_points[0])
     assert np.abs(ends[1] - ends[0]) == pytest.approx([0.0, 2.0 * half_width, 0.0], abs=1e-9)
     assert len(plot_arm(at, tendons=False, contacts=False).lines) == 1
+
+
+def test_contact_surfaces_are_drawn_over_the_width_of_their_lines():
+    chain = pitch_yaw(2)
+    at = solve_tensions(chain, [3.0, 2.0, 2.0, 4.0])
+    bare = len(plot_arm(small_arm(2), tendons=False).collections)
+    assert len(plot_arm(at, tendons=False).collections) == bare + 2
+    for link, outline in enumerate(chain.outlines()):
+        sides = [(i, side) for i, side in ((link, "child"), (link - 1, "parent")) if 0 <= i < chain.n_joints]
+        assert len(outline.strips) == len(sides) and (outline.low, outline.high) == (-1.7, 1.7)
+        for strip in outline.strips:
+            fits = []
+            for i, side in sides:
+                joint, surface = chain.joints[i], getattr(chain.joints[i], side)
+                lateral, height, along = np.moveaxis(strip @ joint.frame.T, -1, 0)
+                curve = surface.point(np.linspace(*surface.limits, len(strip)))[:, None]
+                fits.append(
+                    np.allclose(np.stack([lateral, height], axis=-1), curve) and np.allclose(np.abs(along), 4.0)
+                )
+            assert any(fits)
+
+
+def test_rails_are_closed_and_seen_from_outside():
+    trimesh = pytest.importorskip("trimesh")
+    for outline in pitch_yaw(2).outlines():
+        for rail in outline.rails:
+            triangles = np.concatenate([face[[[0, 1, 2], [0, 2, 3]]] for face in rail])
+            mesh = trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles))
+            assert mesh.is_watertight and 5.0 < mesh.volume < 20.0
+
+
+def test_forces_on_teeth_and_straps_are_arrows_with_the_largest_in_the_legend():
+    chain = pitch_yaw(4)
+    chain = chain.replace(joints=[replace(joint, half_width=0.5) for joint in chain.joints])
+    at = solve_tensions(chain, [2.0, 1.0, 2.0, 4.0], [WorldForce(-1, (0.3, 0.0, 0.0), (0.0, 0.0, 3.0))])
+    texts = [text.get_text() for text in plot_arm(at).get_legend().get_texts()]
+    assert f"straps: up to {at.strap_forces.max():.2g} N" in texts
+    assert f"teeth beside friction of 0.3: up to {at.tooth_forces().max():.2g} N" in texts
+    with_friction = [text.get_text() for text in plot_arm(at, friction=0.1).get_legend().get_texts()]
+    assert f"teeth beside friction of 0.1: up to {at.tooth_forces(0.1).max():.2g} N" in with_friction
+    wide = solve_tensions(pitch_yaw(4), [3.0, 3.0, 3.0, 3.0])
+    assert not any(word in str(plot_arm(wide).get_legend().get_texts()) for word in ("teeth", "straps"))
+
+
+@pytest.mark.parametrize("tensions", [[5.0, 5.0, 5.0, 5.0], [2.0, 3.0, 2.0, 2.0]])
+def test_axes_of_slim_chains_are_wide_enough_for_their_labels(tensions):
+    ax = plot_arm(solve_tensions(pitch_yaw(12), tensions))
+    spans = np.diff([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).ravel()
+    assert spans[:2].min() > 0.4 * spans[2]
+    assert not ax.patch.get_visible() and ax.get_zlabel() == "z [mm]"
 
 
 def test_a_mechanism_is_drawn_at_rest_and_beads_reach_around_their_holes():

@@ -1,0 +1,86 @@
+"""The files of a chain in space: STL of every link and of the assembly, and a table of identical links."""
+
+from __future__ import annotations
+
+import csv
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.cad.fabrication import Fabrication
+from rollingjoint.cad.space_body import SpatialBody, spatial_bodies
+from rollingjoint.cad.space_solid import placed, spatial_solid, write_mesh
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
+from rollingjoint.errors import InvalidInput
+
+Array = NDArray[np.float64]
+
+_PART = ("part", "same as", "diameter [mm]", "height [mm]", "channels", "volume [mm3]")
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialAssembly:
+    """Bodies in poses in space.
+
+    Attributes:
+        poses: of the links, (n, 4, 4) [mm].
+        making: channels, walls and tolerance of the bodies.
+        bodies: one per link.
+    """
+
+    poses: Array
+    making: Fabrication
+    bodies: list[SpatialBody]
+
+    @cached_property
+    def first_alike(self) -> list[int]:
+        """For every link, the first link that is an identical part."""
+        return [next(k for k, candidate in enumerate(self.bodies) if body.alike(candidate)) for body in self.bodies]
+
+    @cached_property
+    def meshes(self) -> list[Any]:
+        """The solid of every link in its frame, trimesh.Trimesh; identical parts share one."""
+        parts = {k: spatial_solid(self.bodies[k], k, self.making.tolerance) for k in sorted(set(self.first_alike))}
+        return [parts[k] for k in self.first_alike]
+
+
+def assemble_in_space(mechanism: SpatialChain | SpatialEquilibrium, making: Fabrication) -> SpatialAssembly:
+    """The mechanism's bodies, at rest or in the pose of an equilibrium.
+
+    Raises:
+        MechanismError: a body or a channel that cannot be made.
+        InvalidInput: a batch of equilibria. SolverError: an unusable equilibrium.
+    """
+    if isinstance(mechanism, SpatialChain):
+        return SpatialAssembly(mechanism.poses(mechanism.neutral_angles), making, spatial_bodies(mechanism, making))
+    if mechanism.poses.ndim != 3 or isinstance(mechanism.mechanism, tuple):
+        allowed = "one equilibrium, poses (n, 4, 4)"
+        raise InvalidInput("equilibrium", mechanism.poses.shape, allowed, "Solve a single row.")
+    mechanism.require()
+    return SpatialAssembly(mechanism.poses, making, spatial_bodies(mechanism.mechanism, making))
+
+
+def writers_in_space(assembly: SpatialAssembly) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """File names with the writer of each."""
+    for i, mesh in enumerate(assembly.meshes):
+        yield f"link_{i}.stl", functools.partial(write_mesh, mesh=mesh)
+    yield "assembly.stl", functools.partial(write_mesh, mesh=placed(assembly.meshes, assembly.poses))
+    yield "parts.csv", functools.partial(_write_parts, assembly=assembly)
+
+
+def _write_parts(path: Path, assembly: SpatialAssembly) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(_PART)
+        rows = zip(assembly.bodies, assembly.meshes, assembly.first_alike, strict=True)
+        for i, (body, mesh, first) in enumerate(rows):
+            same = "" if first == i else f"link_{first}"
+            sizes = [f"{extent:.3f}" for extent in (2.0 * body.radius, np.ptp(mesh.bounds[:, 2]))]
+            table.writerow([f"link_{i}", same, *sizes, len(body.channels), f"{mesh.volume:.3f}"])
