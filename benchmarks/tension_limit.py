@@ -8,16 +8,18 @@ In version 0 a motor gives way exactly where the tension of its tendon, behind p
 nothing but that number is moved, `actuation.tension_limit`, or also the place where it acts: episodes, units and bounds
 of the observations stay as they are. Controllers are told of limits at the motors, and not of another number of the
 ideal one. Every line has the mean tip error over the last 10 steps under a shipped policy, where one ships, under the
-probing bank and under feedback on the true state, in the same episodes, with 95 % intervals by a
-bootstrap over the episodes, and how much of the time the policy has a tendon at the limit.
+probing bank, in version 1 under the smoother, and under feedback on the true state, in the same episodes, with 95 %
+intervals by a bootstrap over the episodes, and how much of the time the policy has a tendon at the limit.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from agents.controllers.controller import Controller, env_for
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.tuned import tuned_controllers
 from agents.evaluation.rollout import LAST_STEPS
-from agents.results.statistics import Bootstrap
+from agents.results.statistics import Bootstrap, Interval
 from agents.results.wording import mm, share, with_interval
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import TENSION_LIMITS
@@ -38,8 +40,15 @@ from rollingjoint.tables import markdown_table
 Array = NDArray[np.float64]
 
 POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
-OPPONENT = "probing bank"
+OPPONENTS = (("probing bank",), ("probing bank", "smoother"))  # by version
+POLICY = "its policy"
 PLACES = ("tendon", "motor")
+STYLES = (
+    {"color": "black", "linewidth": 2.2},
+    {"color": "#cc79a7", "linestyle": "--"},
+    {"color": "#0072b2", "linestyle": "-."},
+    {"color": "#009e73", "linestyle": ":"},
+)
 NEWTONS = (10.0, 13.0, 14.0, 15.0, 16.0, 16.5, 17.0, 20.0, 30.0, 60.0)
 
 
@@ -83,20 +92,56 @@ def drive(
     return Driven(np.stack(errors, axis=1)[:, -LAST_STEPS:].mean(axis=1), float(np.concatenate(held).mean()))
 
 
-def rows_of(
-    world: str, limits: Sequence[float], episodes: int, place: str = "tendon", version: int = 0
-) -> list[list[str]]:
-    """The rows of the table of one world, one per limit [N], and one of drawn limits where the world draws them."""
+class Row(NamedTuple):
+    """Controllers in one world with one limit."""
+
+    world: str
+    limit: float | None  # N; None: drawn
+    errors: Mapping[str, Interval | None]  # by controller [mm]; None where no policy ships
+    at_limit: float | None  # of the policy
+
+    def cells(self) -> list[str]:
+        """The row of the table."""
+        errors = ["" if error is None else with_interval(error, mm) for error in self.errors.values()]
+        at_limit = "" if self.at_limit is None else share(self.at_limit)
+        return [self.world, "drawn" if self.limit is None else f"{self.limit:g}", *errors, at_limit]
+
+
+def rows_of(world: str, limits: Sequence[float], episodes: int, place: str = "tendon", version: int = 0) -> list[Row]:
+    """The rows of one world, one per limit [N], and one of drawn limits where the world draws them."""
     env, bootstrap = EnvConfig(f"rj_gym/{world}-v{version}"), Bootstrap(episodes)
     seeds = range(TENSION_LIMITS.start, TENSION_LIMITS.start + episodes)
-    controllers = [_policy(world, version), tuned_controllers(env.id)[OPPONENT], PrivilegedFeedback()]
+    tuned = {name: tuned_controllers(env.id)[name] for name in OPPONENTS[version]}
+    controllers = {POLICY: _policy(world, version)} | tuned | {"true state": PrivilegedFeedback()}
     rows = []
     for limit in [*limits, *([None] if version else [])]:
-        driven = [None if each is None else drive(env, each, seeds, limit, place) for each in controllers]
-        errors = ["" if each is None else with_interval(bootstrap.mean(each.errors), mm) for each in driven]
-        at_limit = "" if driven[0] is None else share(driven[0].at_limit)
-        rows.append([world, "drawn" if limit is None else f"{limit:g}", *errors, at_limit])
+        driven = {
+            name: None if each is None else drive(env, each, seeds, limit, place) for name, each in controllers.items()
+        }
+        errors = {name: None if each is None else bootstrap.mean(each.errors) for name, each in driven.items()}
+        policy = driven[POLICY]
+        rows.append(Row(world, limit, errors, None if policy is None else policy.at_limit))
     return rows
+
+
+def picture(rows: Sequence[Row], path: Path) -> None:
+    """Errors over the limit with their intervals, a panel per world."""
+    worlds = list(dict.fromkeys(row.world for row in rows))
+    figure, panels = plt.subplots(1, len(worlds), figsize=(5.4 * len(worlds), 3.8), squeeze=False, layout="constrained")
+    for axes, world in zip(panels[0], worlds, strict=True):
+        shown = [row for row in rows if row.world == world and row.limit is not None]
+        for name, style in zip(rows[0].errors, STYLES, strict=False):
+            found = [(row.limit, row.errors[name]) for row in shown if row.errors[name] is not None]
+            limits, errors = [limit for limit, _ in found], [error for _, error in found]
+            axes.plot(limits, [error.value for error in errors], label=name, **style)
+            low, high = [error.low for error in errors], [error.high for error in errors]
+            axes.fill_between(limits, low, high, color=style["color"], alpha=0.15)
+        axes.set(xscale="log", yscale="log", title=world, xlabel="limit of tension [N]", ylabel="mean tip error [mm]")
+        ticks = sorted({row.limit for row in shown})
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.legend(frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 def _policy(world: str, version: int) -> Controller | None:
@@ -117,12 +162,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--limit-at", choices=PLACES, help="where limits act (default: tendon in version 0, else motor)"
     )
     parser.add_argument("--version", type=int, choices=(0, 1), default=0, help="of the worlds (default 0)")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw the errors into this PNG, too")
     arguments = parser.parse_args(argv)
     place = arguments.limit_at or PLACES[arguments.version]
     plan = arguments.newtons, arguments.episodes, place, arguments.version
     rows = [row for world in arguments.worlds for row in rows_of(world, *plan)]
-    heads = ("world", "limit [N]", "its policy [mm]", f"{OPPONENT} [mm]", "true state [mm]", "policy at the limit [%]")
-    print(markdown_table(heads, rows))
+    errors = [f"{name} [mm]" for name in rows[0].errors]
+    print(markdown_table(("world", "limit [N]", *errors, "policy at the limit [%]"), [row.cells() for row in rows]))
+    if arguments.picture:
+        picture(rows, arguments.picture)
 
 
 if __name__ == "__main__":

@@ -319,7 +319,7 @@ def test_another_limit_of_tension_moves_where_motors_give_way_and_no_unit():
 
 
 @pytest.mark.slow
-def test_the_table_of_other_limits_has_a_row_per_world_and_limit(capsys):
+def test_the_table_of_other_limits_has_a_row_per_world_and_limit(tmp_path, capsys):
     import tension_limit
 
     tension_limit.main(["--episodes", "4", "--newtons", "15", "30"])
@@ -327,10 +327,12 @@ def test_the_table_of_other_limits_has_a_row_per_world_and_limit(capsys):
     worlds = ("Instrument", "InstrumentShift")
     assert [row[:2] for row in rows] == [[world, limit] for world in worlds for limit in ("15", "30")]
     assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[2:5])
-    tension_limit.main(["--episodes", "4", "--newtons", "15", "--version", "1", "--worlds", "Instrument"])
+    later = ["--episodes", "4", "--newtons", "15", "--version", "1", "--worlds", "Instrument"]
+    tension_limit.main([*later, "--picture", str(tmp_path / "limits.png")])
+    assert (tmp_path / "limits.png").read_bytes().startswith(b"\x89PNG")
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in capsys.readouterr().out.splitlines()[2:]]
     assert [row[1] for row in rows] == ["15", "drawn"]
-    assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[3:5])
+    assert all(0.0 < float(cell.split()[0]) < 20.0 for row in rows for cell in row[3:6])
 
 
 @pytest.mark.slow  # alone it loads torch, compiled solvers and the search
