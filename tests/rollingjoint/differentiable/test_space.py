@@ -17,6 +17,7 @@ from rollingjoint.differentiable import (  # noqa: E402 - needs torch
     DifferentiableFriction,
     DifferentiableSpatialChain,
     SpatialEquilibria,
+    as_on_a_device,
     solve_lengths,
     solve_tensions,
 )
@@ -388,6 +389,9 @@ def test_a_fixed_number_of_steps_has_the_equilibria_of_the_search():
     design, inputs = DifferentiableSpatialChain.from_mechanism(chain), inputs_of(chain, solve_lengths)
     found, fixed = solve_lengths(design, inputs), solve_lengths(design, inputs, steps=12)
     assert fixed.poses.numpy() == pytest.approx(found.poses.numpy(), abs=1e-10)
+    with as_on_a_device():
+        without_looks = solve_lengths(design, inputs)
+    assert without_looks.poses.numpy() == pytest.approx(found.poses.numpy(), abs=1e-12)
 
 
 def test_wrong_inputs_are_refused_in_one_line():
