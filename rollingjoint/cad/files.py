@@ -47,7 +47,7 @@ def export(
     Args:
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
         folder: created if missing; its parent must exist.
-        formats: some of FORMATS; unless given, those of DEFAULT_FORMATS that there are.
+        formats: some of FORMATS; unless given, all in DEFAULT_FORMATS that the mechanism has.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
         overwrite: replace existing files.
     Raises:

@@ -68,7 +68,7 @@ def _block(body: SpatialBody, tolerance: float, turn: float) -> Any:
     block = manifold3d.Manifold.cylinder(top - bottom, radius, radius, count).rotate((0.0, 0.0, turn * 360.0 / count))
     block = block.translate((0.0, 0.0, bottom))
     for face in body.faces:
-        room = _half_space(face, reach, (bottom, top), 0.0 if not face.rolls else SET_BACK)
+        room = _half_space(face, reach, (bottom, top), SET_BACK if face.rolls else 0.0)
         block ^= room + _half_space(face, reach, (bottom, top), 0.0, face.half_width) if face.rolls else room
     return block
 

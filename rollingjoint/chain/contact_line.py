@@ -6,6 +6,8 @@ docs/theory.md, section 11.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,13 +29,24 @@ def least_friction(normal: Array, side: Array, axial: Array) -> Array:
         low = np.max(beta / alpha, axis=-1)
         room = np.sqrt(np.maximum(low[..., None] * alpha - beta, 0.0)).sum(axis=-1)
         (first, second), (b, d) = np.moveaxis(alpha, -1, 0), np.moveaxis(beta, -1, 0)
-        sum_of_sides = c + b + d
-        A = (first - second) ** 2
-        B = 2.0 * (first + second) * sum_of_sides - 4.0 * (first * d + second * b)
-        C = sum_of_sides**2 - 4.0 * b * d
+        A, B, C = friction_quadratic(first, second, b, d, c)
         root = 2.0 * C / (B + np.sqrt(np.maximum(B**2 - 4.0 * A * C, 0.0)))
         squared = np.where(np.abs(axial) <= room, low, np.maximum(root, low))
         return np.where(np.all(normal > 0.0, axis=-1), np.sqrt(squared), np.inf)
+
+
+def friction_quadratic(first: Any, second: Any, b: Any, d: Any, c: Any) -> tuple[Any, Any, Any]:
+    """A, B and C of A mu⁴ - B mu² + C = 0, of which the least friction is the smaller root; arrays or tensors (...).
+
+    Args:
+        first, second: squares of the normal forces of both contacts [N²].
+        b, d: squares of their tangential forces [N²].
+        c: square of the force along the line [N²].
+    """
+    total = c + b + d
+    A = (first - second) ** 2
+    B = 2.0 * (first + second) * total - 4.0 * (first * d + second * b)
+    return A, B, total**2 - 4.0 * b * d
 
 
 def least_tooth_force(normal: Array, side: Array, axial: Array, friction: float, shoulders: bool) -> Array:

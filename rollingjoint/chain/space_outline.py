@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class SpatialOutline(NamedTuple):
-    """What is drawn of a link in space, in its frame: a round plate between its holes, and rails that roll.
+    """The drawing of a link in space, in its frame: a round plate between its holes, and rails that roll.
 
     Attributes:
         low, high: z of the lowest and the highest hole, the faces of the plate [mm].

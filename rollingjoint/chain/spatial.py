@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SpatialLink:
-    """The weight of a link of a chain in space; its geometry is that of its joints and of the tendons' holes.
+    """The weight of a link of a chain in space; its joints and the tendons' holes have its geometry.
 
     Args:
         weight: [N]; it acts in the solves that are given `SpatialChain.gravity`.
@@ -218,7 +218,7 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         return read_only(ends)
 
     def outlines(self, count: int = 9) -> list[SpatialOutline]:
-        """What is drawn of every link, base first, with contact surfaces of `count` places along their curves."""
+        """The outline of every link, base first, with contact surfaces of `count` places along their curves."""
         strips: list[list[Array]] = [[] for _ in range(self.n_links)]
         for i, joint in enumerate(self.joints):
             for link, strip in zip((i, i + 1), joint.strips(count), strict=False):

@@ -30,7 +30,7 @@ PRESSURE_ANGLE = float(np.radians(20.0))  # of the flanks of teeth [rad]
 class SpatialEquilibrium(EquilibriumInSpace):
     """One equilibrium, or many with a leading axis B on every array.
 
-    Attributes, in addition to those of every equilibrium in space:
+    Attributes beyond `EquilibriumInSpace`:
         contact_points: (n - 1, 3) middle of the contact line, or the point of a hinge, base frame [mm].
         reactions: (n - 1, 6) force on the link above and its moment about the contact point [N, N·mm], each along the
             tangent of the child surface, the normal and the axis. The spring of a joint carries the last moment.
@@ -75,7 +75,7 @@ class SpatialEquilibrium(EquilibriumInSpace):
 
     @property
     def end_forces(self) -> Array:
-        """(n - 1, 2, 2) of two point contacts that carry what the line does, along tangent and normal [N].
+        """(n - 1, 2, 2) of two point contacts that carry the reaction of the line, along tangent and normal [N].
 
         At half_width and -half_width along the axis; they share the axial force. NaN at hinges.
         """
@@ -144,8 +144,7 @@ class SpatialEquilibrium(EquilibriumInSpace):
             pressure_angle: of the flanks, from 0 to below π/2 [rad].
         Source: docs/theory.md, section 11.
         """
-        allowed = "0 or more, below π/2 [rad]"
-        angle = as_number("pressure_angle", pressure_angle, 0.0, np.nextafter(0.5 * np.pi, 0.0), allowed=allowed)
+        angle = as_pressure_angle(pressure_angle)
         side, normal = np.moveaxis(self.end_forces, -1, 0)
         return self._bounded((normal - np.abs(side) * np.tan(angle)).min(axis=-1))
 
@@ -162,7 +161,7 @@ class SpatialEquilibrium(EquilibriumInSpace):
     def contact_frames(self) -> Array:
         """(n - 1, 3, 3) tangent of the child surface, normal and axis in the base frame, the directions of reactions.
 
-        At hinges they are those of the joint's frame at angle 0.
+        At hinges they are the directions of the joint's frame at angle 0.
         """
         (_, designs), angles = self._designs, self._rows(self.joint_angles)
         frames = np.empty((*angles.shape, 3, 3))
@@ -195,3 +194,9 @@ class SpatialEquilibrium(EquilibriumInSpace):
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
         more = {"contact_points": (n_joints, 3), "reactions": (n_joints, 6)}
         return super()._shapes(n_joints, n_tendons) | more
+
+
+def as_pressure_angle(value: object) -> float:
+    """The value as a float; InvalidInput unless it is a pressure angle of flanks, from 0 to below π/2 [rad]."""
+    allowed = "0 or more, below π/2 [rad]"
+    return as_number("pressure_angle", value, 0.0, np.nextafter(0.5 * np.pi, 0.0), allowed=allowed)

@@ -36,8 +36,8 @@ def _as_angle(what: str, value: object) -> float:
 class SpatialJoint(ABC):
     """A joint of a chain in space, with one angle about an axis that is fixed in both of its links.
 
-    Each kind of joint is a frozen dataclass on top. Directions are those of the link below; the link above has the same
-    ones at angle 0.
+    Each kind of joint is a frozen dataclass on top. Directions are in the frame of the link below, and at angle 0 also
+    in the frame of the link above.
 
     Attributes:
         stiffness: of its torsion spring [N·mm/rad]. rest_angle: where that carries no moment [rad].

@@ -56,7 +56,7 @@ class Objective(Protocol):
         """Whether more is better."""
 
     def measure(self, chain: Any) -> Measured:
-        """The objective of every design of a chain with one leading axis; its class is that of the design space."""
+        """The objective of every design of a chain with one leading axis, of the design space's class."""
 
 
 def check_fits(objective: Objective, tensors: type[ChainTensors]) -> None:

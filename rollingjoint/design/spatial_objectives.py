@@ -49,9 +49,9 @@ class _Poses:
         table[:, 0, SPATIAL_LOAD_COLUMNS.index("link")] = chain.n_links - 1
         first = SPATIAL_LOAD_COLUMNS.index("fx")
         table[:, 0, first : first + 3] = forces
-        found = solve_tensions(chain[:, None, None], constant(self.tensions, chain)[:, None], table)
-        assert isinstance(found, SpatialEquilibria)
-        return found
+        equilibria = solve_tensions(chain[:, None, None], constant(self.tensions, chain)[:, None], table)
+        assert isinstance(equilibria, SpatialEquilibria)
+        return equilibria
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class TipStiffness(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The least stiffness of every design, (B,) [N/mm]."""
-        found = self._solved(chain)
-        stretch = chain[:, None, None].stiffnesses[..., None] * found.tendon_rates.mT
-        compliance = found.tip_compliance(found.tendon_rates @ stretch)
+        equilibria = self._solved(chain)
+        stretch = chain[:, None, None].stiffnesses[..., None] * equilibria.tendon_rates.mT
+        compliance = equilibria.tip_compliance(equilibria.tendon_rates @ stretch)
         softest = torch.linalg.eigvalsh(compliance)[..., -1]
         stiffness = 1.0 / softest.clamp(min=1.0 / _STIFFEST)
-        return Measured(stiffness.flatten(1).amin(-1), found.ok.flatten(1).all(-1))
+        return Measured(stiffness.flatten(1).amin(-1), equilibria.ok.flatten(1).all(-1))
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ class TipReach(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The least distance of every design, (B,) [mm]."""
-        found, tensions = self._solved(chain), constant(self.tensions, chain)
+        equilibria, tensions = self._solved(chain), constant(self.tensions, chain)
         straight = solve_tensions(chain, tensions.mean().expand(chain.n_tendons))
-        away = torch.linalg.vector_norm(found.tip - straight.tip[:, None, None], dim=-1)
-        return Measured(away.flatten(1).amin(-1), found.ok.flatten(1).all(-1) & straight.ok)
+        away = torch.linalg.vector_norm(equilibria.tip - straight.tip[:, None, None], dim=-1)
+        return Measured(away.flatten(1).amin(-1), equilibria.ok.flatten(1).all(-1) & straight.ok)
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ class PressingMargin(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The least margin of every design, (B,) [N]."""
-        found = self._solved(chain)
-        return _least(found, found.pressing_margins)
+        equilibria = self._solved(chain)
+        return _least(equilibria, equilibria.pressing_margins)
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class TiltingMargin(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The least margin of every design, (B,) [N]."""
-        found = self._solved(chain)
-        return _least(found, found.tilting_margins)
+        equilibria = self._solved(chain)
+        return _least(equilibria, equilibria.tilting_margins)
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ class ToothMargin(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The least margin of every design, (B,) [N]."""
-        found = self._solved(chain)
-        return _least(found, found.tooth_margins())
+        equilibria = self._solved(chain)
+        return _least(equilibria, equilibria.tooth_margins())
 
 
 @dataclass(frozen=True)
@@ -155,9 +155,9 @@ class FrictionRequired(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The largest coefficient of every design, (B,)."""
-        found = self._solved(chain)
-        required = found.friction_required.clamp(max=MOST_FRICTION)
-        return Measured(required.flatten(1).amax(-1), found.ok.flatten(1).all(-1))
+        equilibria = self._solved(chain)
+        required = equilibria.friction_required.clamp(max=MOST_FRICTION)
+        return Measured(required.flatten(1).amax(-1), equilibria.ok.flatten(1).all(-1))
 
 
 @dataclass(frozen=True)
@@ -174,12 +174,12 @@ class PlacementError(_Poses):
 
     def measure(self, chain: DifferentiableSpatialChain) -> Measured:
         """The root mean square distance of every design, (B,) [mm]."""
-        found = self._solved(chain)
+        equilibria = self._solved(chain)
         free = solve_tensions(chain[:, None], constant(self.tensions, chain))
-        square = (found.tip - free.tip[:, :, None]).square().sum(-1).flatten(1).mean(-1)
-        return Measured(square.clamp(min=1e-24).sqrt(), found.ok.flatten(1).all(-1) & free.ok.all(-1))
+        square = (equilibria.tip - free.tip[:, :, None]).square().sum(-1).flatten(1).mean(-1)
+        return Measured(square.clamp(min=1e-24).sqrt(), equilibria.ok.flatten(1).all(-1) & free.ok.all(-1))
 
 
-def _least(found: SpatialEquilibria, margins: Tensor) -> Measured:
+def _least(equilibria: SpatialEquilibria, margins: Tensor) -> Measured:
     """The least of finite margins of every design; hinges have none."""
-    return Measured(margins.flatten(1).amin(-1), found.ok.flatten(1).all(-1))
+    return Measured(margins.flatten(1).amin(-1), equilibria.ok.flatten(1).all(-1))

@@ -114,13 +114,7 @@ class SpatialDesignSpace(DesignBox):
         """
         x = self._vectors(x)
         tables = self._tables(self._blocks(x.reshape(-1, self.dimensions)))
-        joints = self.n_joints
-        return DifferentiableSpatialChain(
-            **{name: table.reshape(*x.shape[:-1], *table.shape[1:]) for name, table in tables.items()},
-            hinges=torch.zeros(joints, dtype=torch.bool),
-            hinge_limits=torch.tensor([[-1.0, 1.0]], dtype=torch.float64).expand(joints, 2),
-            crossed=torch.tensor(self.ends).repeat_interleave(4),
-        )
+        return self._chain({name: table.reshape(*x.shape[:-1], *table.shape[1:]) for name, table in tables.items()})
 
     def mechanism(self, x: ArrayLike) -> SpatialChain:
         """The design (d,) as a chain.
@@ -200,6 +194,16 @@ class SpatialDesignSpace(DesignBox):
         values = blocks["convexity"].unflatten(-1, (-1, 2, len(self._curve.places)))
         return values.expand(-1, self.n_joints, -1, -1)
 
+    def _chain(self, tables: dict[str, Tensor]) -> DifferentiableSpatialChain:
+        """The chain with these parameters; none of its joints is a hinge."""
+        joints = self.n_joints
+        return DifferentiableSpatialChain(
+            **tables,
+            hinges=torch.zeros(joints, dtype=torch.bool),
+            hinge_limits=torch.tensor([[-1.0, 1.0]], dtype=torch.float64).expand(joints, 2),
+            crossed=torch.tensor(self.ends).repeat_interleave(4),
+        )
+
     def _tables(self, blocks: dict[str, Tensor]) -> dict[str, Tensor]:
         """The parameters of the chain, each with the leading axis."""
         joints, shape = self.n_joints, self._curve
@@ -214,19 +218,19 @@ class SpatialDesignSpace(DesignBox):
         def each(name: str) -> Tensor:
             return blocks[name].expand(count, joints)
 
-        nothing = torch.zeros(count, joints, dtype=torch.float64)
+        zeros = torch.zeros(count, joints, dtype=torch.float64)
         return {
             "breaks": (reach[..., None, None] * shape.breaks).expand(count, joints, 2, -1),
             "coefficients": pieces * signs[:, None, None],
             "starts": torch.stack([torch.zeros_like(starts), starts], -1),
-            "angles": nothing[..., None].expand(-1, -1, 2),
+            "angles": zeros[..., None].expand(-1, -1, 2),
             "azimuths": each("azimuth") + turns,
             "half_widths": each("half_width"),
-            "middles": nothing,
+            "middles": zeros,
             "hinge_axes": torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(count, joints, 3),
-            "hinge_points": nothing[..., None, None].expand(-1, -1, 2, 3),
+            "hinge_points": zeros[..., None, None].expand(-1, -1, 2, 3),
             "joint_stiffnesses": each("joint_stiffness"),
-            "rest_angles": nothing,
+            "rest_angles": zeros,
             "holes": self._holes(blocks),
             "stiffnesses": torch.full((count, 4 * len(self.ends)), self.stiffness, dtype=torch.float64),
         }
@@ -265,14 +269,7 @@ class SpatialDesignSpace(DesignBox):
 
     def _lowest_gap(self, blocks: dict[str, Tensor], rolls: Tensor) -> Tensor:
         """Lowest height of a hole over its partner, over gaps and contacts, (B,) [mm]; only where designs roll."""
-        tables = self._tables(blocks)
-        chain = DifferentiableSpatialChain(
-            **tables,
-            hinges=torch.zeros(self.n_joints, dtype=torch.bool),
-            hinge_limits=torch.zeros(self.n_joints, 2, dtype=torch.float64),
-            crossed=torch.tensor(self.ends).repeat_interleave(4),
-        )
-        geometry = chain.where(rolls)[:, None].geometry()
+        geometry = self._chain(self._tables(blocks)).where(rolls)[:, None].geometry()
         first, last = geometry.limits
         fractions = torch.linspace(0.0, 1.0, _SAMPLES, dtype=torch.float64)[:, None]
         return gap_heights(geometry, first + (last - first) * fractions).amin(-1)

@@ -183,7 +183,7 @@ class ChainTensors(ABC):
 
     @abstractmethod
     def _fill_plain(self, plain: dict[str, Tensor]) -> None:
-        """Fill the parameters, zeros but for breaks and stiffnesses, with those of a plain mechanism."""
+        """Fill the parameters, zeros but for breaks and stiffnesses, as in a plain mechanism."""
 
     @abstractmethod
     def geometry(self) -> Geometry:

@@ -8,7 +8,9 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from rollingjoint.chain.spatial_equilibrium import PRESSURE_ANGLE
+from rollingjoint.chain.contact_line import friction_quadratic
+from rollingjoint.chain.spatial_equilibrium import FRICTION, PRESSURE_ANGLE, as_pressure_angle
+from rollingjoint.checks import as_friction
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.spatial_statics import SpatialState
@@ -65,12 +67,16 @@ class SpatialEquilibria(Equilibria):
         """(..., n - 1, 2) on the distal link, along tangent and normal [N]."""
         return self.reactions[..., :2]
 
-    def tip_compliance(self, more: Tensor) -> Tensor:
-        """(..., 3, 3) deflection of the tip per force on it, with a stiffness (..., n - 1, n - 1) added [mm/N]."""
+    def tip_compliance(self, added_stiffness: Tensor) -> Tensor:
+        """(..., 3, 3) deflection of the tip per force on it [mm/N].
+
+        Args:
+            added_stiffness: of the joints beside `stiffness`, (..., n - 1, n - 1) [N·mm/rad].
+        """
         arms = self.tip[..., None, :] - self.contact_points
         rates = torch.linalg.cross(self._shown(self._spatial.axes), arms) * self.free_joints[..., None]
         ok = self.ok[..., None]
-        H = freed(self.stiffness + more, ~self.free_joints | ~ok)
+        H = freed(self.stiffness + added_stiffness, ~self.free_joints | ~ok)
         return rates.mT @ torch.linalg.solve_ex(H, rates)[0]
 
     @property
@@ -95,17 +101,18 @@ class SpatialEquilibria(Equilibria):
         required = _least_friction(normal, side, torch.where(carried, self.reactions[..., 2], 0.0))
         return torch.where(self._spatial.planes.hinges, 0.0, torch.where(carried, required, torch.inf))
 
-    def slip_margins(self, friction: float = 0.3) -> Tensor:
+    def slip_margins(self, friction: float = FRICTION) -> Tensor:
         """(..., n - 1) (friction - friction_required) × normal force [N]; negative: the links slip."""
+        friction = as_friction(friction)
         return self._bounded((friction - self.friction_required) * self.reactions[..., 1].abs())
 
     def tooth_margins(self, pressure_angle: float = PRESSURE_ANGLE) -> Tensor:
         """(..., n - 1) normal less separating force at the worse end, spur teeth carrying all tangential force [N].
 
-        Negative means that they climb out of mesh; pressure_angle: of their flanks [rad].
+        Negative means that they climb out of mesh; pressure_angle: of their flanks, from 0 to below π/2 [rad].
         """
-        normal, side = self._ends
-        return self._bounded((normal - side.abs() * math.tan(pressure_angle)).amin(-1))
+        angle, (normal, side) = as_pressure_angle(pressure_angle), self._ends
+        return self._bounded((normal - side.abs() * math.tan(angle)).amin(-1))
 
     @property
     def strap_forces(self) -> Tensor:
@@ -127,17 +134,17 @@ class SpatialEquilibria(Equilibria):
 
 
 def _least_friction(normal: Tensor, side: Tensor, axial: Tensor) -> Tensor:
-    """As chain.contact_line.least_friction, where both ends press: normal, side (..., 2), axial (...) [N]."""
+    """As chain.contact_line.least_friction, where both ends press: normal, side (..., 2), axial (...) [N].
+
+    The cases are told apart anew, since roots of 0 have no finite derivatives.
+    """
     alpha, beta, c = normal.square(), side.square(), axial.square()
     low = (beta / alpha).amax(-1)
     room = (low[..., None] * alpha - beta).detach().clamp(min=0.0).sqrt().sum(-1)
     (first, second), (b, d) = alpha.unbind(-1), beta.unbind(-1)
-    sides = c + b + d
-    A = (first - second).square()
-    B = 2.0 * (first + second) * sides - 4.0 * (first * d + second * b)
-    C = sides.square() - 4.0 * b * d
     inside = axial.detach().abs() <= room + _NEGLIGIBLE * normal.detach().sum(-1)
-    squared = torch.where(inside, low, torch.maximum(_root(A, B, C, inside), low))
+    root = _root(*friction_quadratic(first, second, b, d, c), inside)
+    squared = torch.where(inside, low, torch.maximum(root, low))
     positive = squared.detach() > 0.0
     return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)
 

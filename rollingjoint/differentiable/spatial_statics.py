@@ -33,9 +33,9 @@ def gap_heights(geometry: Geometry, s: Tensor) -> Tensor:
     contact = geometry.contact(s)
     phi = contact.angles
     crosses = geometry.routes.crosses
-    nothing = torch.zeros(len(crosses), dtype=phi.dtype, device=phi.device)
+    no_pulls = torch.zeros(len(crosses), dtype=phi.dtype, device=phi.device)
     loads = SpatialLoads(phi.new_zeros(0, len(SpatialLoads.columns)), phi.shape[-1])
-    return state_at(geometry, Law.constant(nothing), loads, phi, contact).crossing
+    return state_at(geometry, Law.constant(no_pulls), loads, phi, contact).crossing
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
 
 
 def _has(mechanism: AnyChain, name: str) -> bool:
-    """Whether a mechanism has a parameter; rolling resistance is that of all chains with contacts."""
+    """Whether a mechanism has a parameter; all chains with contacts have rolling resistance."""
     rolls = name == "rolling" and mechanism.slips
     return rolls or not KINDS[name].planar or isinstance(mechanism, RollingChain)
 

@@ -1,6 +1,6 @@
 """A chain in space in MuJoCo: rolling contacts as coupled joints in their planes, hinges, tendons through their holes.
 
-A contact is that of a planar chain (`coupling.py`) in the plane of its joint; springs of joints act on the joint that
+A contact works as in a planar chain (`coupling.py`), in the plane of its joint; springs of joints act on the joint that
 leads. SI units inside; link frames are the frames of rollingjoint, in m.
 """
 
