@@ -159,7 +159,7 @@ class _EpisodeTape:
     def gradients(
         self, by_errors: torch.Tensor | None, by_actions: torch.Tensor | None, by_memories: torch.Tensor | None
     ) -> tuple[torch.Tensor, ...]:
-        """Gradients by the parameters of the actor, from those by the results; None: 0."""
+        """Gradients by the parameters of the actor, from the gradients by the results; None: 0."""
         actor, motion, observing, delay = self.actor, self._motion, self._observing, self._player.delay
         for tape in (actor, motion, observing):
             tape.begin_back()
@@ -167,7 +167,7 @@ class _EpisodeTape:
         by_tips = np.zeros_like(self._ways, np.float32)
         if by_errors is not None:
             by_tips[:] = self._ways * (by_errors.numpy() / self._errors)[..., None]
-        by_taken, by_readings = observing.nothing()
+        by_taken, by_readings = observing.zeros()
         for step in reversed(range(self._steps)):
             by_due = motion.back(replace(by_readings, tip=by_readings.tip + by_tips[step]))
             if step >= delay:

@@ -82,7 +82,7 @@ class MotionTape:
         """Gradient by the actions that reached the motors, (B, m), of the last step of which there is none yet.
 
         Args:
-            by: gradient by what shows after the step. by_command: that by the tendons' commands (B, m).
+            by: gradient by what shows after the step. by_command: gradient by the tendons' commands (B, m).
         """
         self._now -= 1
         given, shown, shift, in_play, slip, held, rates, length_rates, taken_along, moves, heard = (

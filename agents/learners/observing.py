@@ -29,7 +29,7 @@ class _ObservedEntry:
 class Observing:
     """The observation's derivative by readings.
 
-    Entries of motors, tensions, past readings, the tip error and of pictures have one; that of rounding and noise is
+    Entries of motors, tensions, past readings, the tip error and of pictures have one; rounding and noise are
     left out. The readings after a step are one row: its action, motors, measured tensions, and tip and poses in the
     picture that is seen. Observations are linear in the rows now and some steps ago.
     """
@@ -54,7 +54,7 @@ class Observing:
         self.rates = rates.reshape(len(names), -1)
 
     def tape(self, steps: int, lanes: int) -> ObservingTape:
-        """A record of so many observations of so many episodes, which begin now."""
+        """A record of T = `steps` observations of B = `lanes` episodes, which begin now."""
         return ObservingTape(self, steps, lanes)
 
 
@@ -78,8 +78,8 @@ class ObservingTape:
         self._by_rows = np.zeros((steps, lanes, self._observing.width), np.float32)
         self._by_pictures = np.zeros((steps, lanes, self._observing.width - first), np.float32)
 
-    def nothing(self) -> tuple[NDArray[np.float32], Readings]:
-        """A gradient of `back` that is 0."""
+    def zeros(self) -> tuple[NDArray[np.float32], Readings]:
+        """Gradients as of `back`, by the action and by the readings, all 0."""
         return self._split(np.zeros((self._shape[1], self._observing.width), np.float32))
 
     def back(self, by_observation: NDArray[np.float32]) -> tuple[NDArray[np.float32], Readings]:

@@ -31,7 +31,7 @@ class RecurrentActor(nn.Module):
         """Actions before clipping (B, T, m) for T steps x (B, T, entries), and the memory (1, B, width) after them.
 
         Args:
-            memory: that before the first step; None where episodes begin.
+            memory: before the first step, (1, B, width); None where episodes begin.
         """
         z = self.encoder(x)
         output, memory = self.cell(z, memory)
@@ -43,7 +43,7 @@ class RecurrentActor(nn.Module):
         return actions[:, 0], after[0]
 
     def tape(self, steps: int, lanes: int) -> RecurrentTape:
-        """A record of so many steps of so many episodes, which begin now, for their gradients."""
+        """A record of T = `steps` steps of B = `lanes` episodes, which begin now, for their gradients."""
         return RecurrentTape(self, steps, lanes)
 
     def predict(
@@ -140,8 +140,8 @@ class RecurrentTape:
         """Gradient by x (B, entries) of the last step of which there is none yet.
 
         Args:
-            by_actions: gradient by its actions (B, m). by_memory: that by the memory after it (B, width), but for its
-                effect on later steps; None: 0.
+            by_actions: gradient by its actions (B, m).
+            by_memory: gradient by the memory after it (B, width), but for its effect on later steps; None: 0.
         """
         self._now -= 1
         t, w = self._now, self._width

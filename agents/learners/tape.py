@@ -30,8 +30,8 @@ class Tape(Protocol):
         """Gradient by x (B, entries) of the last step of which there is none yet.
 
         Args:
-            by_actions: gradient by its actions (B, m). by_memory: that by the memory after it (B, width), but for its
-                effect on later steps; None: 0.
+            by_actions: gradient by its actions (B, m).
+            by_memory: gradient by the memory after it (B, width), but for its effect on later steps; None: 0.
         """
 
     def gradients(self) -> tuple[torch.Tensor, ...]:
@@ -42,7 +42,7 @@ class Taped(Protocol):
     """An actor, or a policy with one."""
 
     def tape(self, steps: int, lanes: int) -> Tape:
-        """A record of so many steps of so many episodes, which begin now."""
+        """A record of T = `steps` steps of B = `lanes` episodes, which begin now."""
 
 
 class StepTape:

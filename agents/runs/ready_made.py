@@ -7,8 +7,8 @@ from pathlib import Path
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
-_CONTROLLERS = Path(__file__).resolve().parents[1]
-_FOLDERS = (_CONTROLLERS / "configs", _CONTROLLERS.parent / "configs")  # as installed, in a checkout
+_AGENTS = Path(__file__).resolve().parents[1]
+_FOLDERS = (_AGENTS / "configs", _AGENTS.parent / "configs")  # as installed, in a checkout
 _ENV_FILE = "../env/{}.yaml"  # as files of configs/train name those of configs/env
 
 TRAIN, TUNE, CAMPAIGN, SEARCH, ENV = KINDS = ("train", "tune", "campaign", "search", "env")
@@ -20,7 +20,7 @@ def names(kind: str) -> list[str]:
 
 
 def list_of(kind: str) -> str:
-    """Their names, each with the first line of its file."""
+    """The names of the ready-made configurations of a kind, each with the first sentence of its file, one a line."""
     width = max(len(name) for name in names(kind))
     return "\n".join(f"{name:{width}}  {_first_line(_file(kind, name))}" for name in names(kind))
 

@@ -1,10 +1,10 @@
 """Hidden numbers of a mechanism in operation, from what its motors have measured.
 
 Modules:
-    hidden: the hidden numbers of an episode, and what is known of them before any measurement.
-    surfaces: what displaced contact surfaces change.
+    hidden: the hidden numbers of an episode, and their distribution before any measurement.
+    surfaces: the effects of displaced contact surfaces.
     kernels: histories of motors followed by many hidden numbers at once, compiled.
-    derivatives: what hidden numbers change at an equilibrium.
+    derivatives: the effects of hidden numbers on an equilibrium.
     equations: the normal equations of a history.
     arrays: of all these.
     smoother: the most likely hidden numbers of episodes, step by step.

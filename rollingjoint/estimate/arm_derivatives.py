@@ -1,4 +1,4 @@
-"""What hidden numbers change in the tendons of an arm with friction in its holes, compiled, R rows side by side.
+"""Effects of hidden numbers on the tendons of an arm with friction in its holes, compiled, R rows side by side.
 
 A tendon's friction state z in a link is clip(w - s/δ): w stays while the tendon sticks, and is s/δ plus or minus 1
 where it slides. So all that a step hands on to the next are the derivatives of w by the hidden numbers, (J, m, K) per
@@ -37,7 +37,7 @@ def add_tendon_causes(tendons, motors_by, states_by, holes, shared, causes):
     Args:
         tendons: RubbedTendons.
         motors_by: derivatives of the tensions at the motors at constant joint angles, (R, m, K).
-        states_by: those of w before the step, (R, J, m, K). holes: where the coefficients μ begin.
+        states_by: derivatives of w before the step, (R, J, m, K). holes: where the coefficients μ begin.
         shared: whether there is only one.
     """
     n_rows, _, m, K = states_by.shape
@@ -67,7 +67,7 @@ def add_tendon_causes(tendons, motors_by, states_by, holes, shared, causes):
 
 @kernel(nogil=True, title="the smoother of arms")
 def pass_on(tendons, turns, presliding, begins, states_by, lengths_by):
-    """Fill the derivatives of lengths, (R, m, K) [mm per unit], and those of w after the step, in place.
+    """Fill the derivatives of lengths, (R, m, K) [mm per unit], and of w after the step, in place.
 
     Args:
         turns: derivatives of the joint angles, (R, J, K). presliding: δ [mm].
@@ -115,7 +115,7 @@ def solve_rows(A, causes):
 def add_rows(columns, weights, off, information, slope):
     """Add measurements to normal equations, the lower triangle (R, K, K) and (R, K); 0 is a weight of none.
 
-    columns: derivatives of what is expected, (R, M, K). weights, off: of the measurements, (R, M).
+    columns: derivatives of the expected measurements, (R, M, K). weights, off: of the measurements, (R, M).
     """
     n_rows, count, K = columns.shape
     for row in range(n_rows):

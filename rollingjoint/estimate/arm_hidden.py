@@ -1,4 +1,4 @@
-"""The hidden numbers of an arm in an episode: where each lies in a vector, and what is known of them beforehand."""
+"""The hidden numbers of an arm in an episode: where each lies in a vector, and their distribution beforehand."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ArmRanges:
 
     Args:
         tilt: angles between gravity and the straight arm, uniform over that part of the sphere [rad].
-        payload: weight at the tip [N]. offset_mm: what every commanded length is off [mm].
+        payload: weight at the tip [N]. offset_mm: errors of the commanded lengths [mm].
         stiffness, hinge, weight: factors of the nominal stiffnesses of tendons and hinges and of the beads' weights.
         play_mm: widths of the play [mm]. sheath_friction, hole_friction: coefficients. shared: whether the holes of all
             tendons have the same.

@@ -1,4 +1,4 @@
-"""Hidden numbers of an arm followed along histories of its motors: what would have been measured, and its derivatives.
+"""Hidden numbers of an arm followed along histories of its motors: the expected measurements, and their derivatives.
 
 Every row is a vector of hidden numbers (arm_hidden.py). At each step its tendons are where the play operator takes
 them, its equilibrium is solved with friction in the holes, and all that is measured is differentiated by all hidden
@@ -46,7 +46,7 @@ _LARGEST_TENSION = 1e4  # N: motors stand where they were measured, whatever the
 
 
 class ArmLaw(NamedTuple):
-    """What is known of the measurements of an arm, and how far they may be off.
+    """The limits of tension of an arm, its start, and the errors of its measurements.
 
     start_tension: of all tendons before the payload acts [N]. start_sd: of the lengths that follow from it [mm].
     low, high: tensions at which motors take their tendons along [N]. limit_sd: of these; inf: they are not used [N].
@@ -67,7 +67,7 @@ class ArmLaw(NamedTuple):
 
 @dataclass
 class ArmRows:
-    """Rows of hidden numbers, how far they have been followed, and the normal equations of what was measured.
+    """Rows of hidden numbers, how far they have been followed, and the normal equations of the measurements.
 
     Changes of hidden numbers are in units of their standard deviations in the normal equations.
 
@@ -102,7 +102,7 @@ class ArmRows:
     tensions_by: Array
 
     def tip_covariance(self, sds: Array) -> Array:
-        """Covariance of the tip given all that was measured, (R, 3, 3) [mm²]; sds: of the hidden numbers, (K,).
+        """Covariance of the tip given all measurements, (R, 3, 3) [mm²]; sds: of the hidden numbers, (K,).
 
         Numbers with a standard deviation of 0 are taken as known.
         """
@@ -126,14 +126,14 @@ class ArmRows:
         return ArmRows(*(getattr(self, each.name)[rows] for each in fields(self)))
 
     def put(self, rows: Integers, other: ArmRows, places: Integers | slice = slice(None)) -> None:
-        """Replace rows by those of others at these places."""
+        """Replace rows by the rows of another object at these places."""
         for each in fields(self):
             getattr(self, each.name)[rows] = getattr(other, each.name)[places]
 
 
 @dataclass(frozen=True)
 class _ArmEquilibria:
-    """Equilibria of R rows, and what their derivatives need."""
+    """Equilibria of R rows, with dr/dangle (R, J, J) and the friction in the holes, None without it."""
 
     batch: Any
     usable: NDArray[np.bool_]
@@ -198,8 +198,8 @@ class FollowedArm:
         """Begin with the prior, and with tendons that are at the start tension and have not slipped.
 
         Returns:
-            How far lengths at the start tension are from where tendons are, (R, m) [mm], and the derivatives of where
-            these are less those of the lengths, (R, m, K).
+            How far lengths at the start tension are from where tendons are, (R, m) [mm], and the derivatives by
+            the hidden numbers of the tendons' places less the lengths, (R, m, K).
         """
         prior, at, law, m = self.prior, self.prior.layout, self.law, self.arm.n_tendons
         off = np.divide(prior.means - rows.numbers, prior.sds, out=np.zeros_like(rows.numbers), where=prior.sds > 0.0)
@@ -301,7 +301,7 @@ class FollowedArm:
         return RubbedTendons(crossed, results.rates, *tensions, rows.states, rows.grips, mu)
 
     def _differentiate(self, rows: ArmRows, solved: _ArmEquilibria) -> None:
-        """Fill tip, tensions and their derivatives, and pass those of the holes on."""
+        """Fill tip, tensions and their derivatives, and pass the holes' derivatives on."""
         at, results, m = self.prior.layout, solved.batch.results, self.arm.n_tendons
         tendons, each = self._tendons(rows, solved), np.arange(m)
         by_command = np.zeros((len(rows.steps), m, at.total))  # derivatives of the commands
@@ -388,9 +388,9 @@ class FollowedArm:
             self._add(rows, rows.tensions_by, off, np.full_like(off, law.limit_sd))
 
     def _add(self, rows: ArmRows, columns: Array, off: Array, sds: Array) -> None:
-        """Add measurements to the normal equations: they are `off` (R, M) from what is expected; NaN: none.
+        """Add measurements to the normal equations: they are `off` (R, M) from the expected ones; NaN: none.
 
-        columns: derivatives of what is expected, (R, M, K). sds: standard deviations, (R, M).
+        columns: derivatives of the expected ones, (R, M, K). sds: standard deviations, (R, M).
         """
         robust, shown = self.law.robust, np.isfinite(off)
         residual = np.where(shown, np.abs(off) / sds, 0.0)

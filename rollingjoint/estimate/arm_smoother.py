@@ -15,14 +15,11 @@ from rollingjoint.estimate.arm_hidden import ArmPrior
 from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
 from rollingjoint.estimate.arrays import MotorHistory
 from rollingjoint.estimate.equations import propose
-from rollingjoint.estimate.smoother import Smoothed
+from rollingjoint.estimate.smoother import LEAST_DAMPING, MOST_DAMPING, Smoothed, adapted_damping
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-_EASED, _DAMPED = 0.2, 10.0  # factors of the damping after a better and a worse trial
-_LEAST, _MOST = 1e-6, 1e6  # damping
 
 
 @dataclass(frozen=True)
@@ -66,6 +63,8 @@ class ArmSmoother:
         law: of its measurements.
         effort: of the search.
         steps: number of measured steps that an episode can have.
+    Raises:
+        InvalidInput: an arm with springs or other tendons.
     """
 
     def __init__(
@@ -95,10 +94,10 @@ class ArmSmoother:
             motors, shifts, tensions = (np.zeros((count, self._steps, m)) for _ in range(3))
             pictures = np.zeros((count, self._steps, 0, 3))
             self.history = MotorHistory(np.zeros(count, np.int64), motors, shifts, tensions, pictures)
-            self._rows, self._damping = self._begun(np.arange(count)), np.full(count, _LEAST)
+            self._rows, self._damping = self._begun(np.arange(count)), np.full(count, LEAST_DAMPING)
             self._since = np.zeros(count, np.int64)
         rows = np.flatnonzero(mask)
-        self.history.counts[rows], self._damping[rows], self._since[rows] = 0, _LEAST, 0
+        self.history.counts[rows], self._damping[rows], self._since[rows] = 0, LEAST_DAMPING, 0
         self._rows.put(rows, self._begun(rows))
 
     def _begun(self, episodes: Integers) -> ArmRows:
@@ -129,7 +128,7 @@ class ArmSmoother:
         for number in range(max(effort.passes, effort.first if begins.any() else 0)):
             proposals = self._proposals(self._damping)
             change = np.abs(proposals - rows.numbers) / np.maximum(self.prior.sds, 1e-12)
-            due = (change.max(axis=1) > effort.moved) & (self._damping < _MOST)
+            due = (change.max(axis=1) > effort.moved) & (self._damping < MOST_DAMPING)
             due &= begins | (number < effort.passes)
             if number == 0:
                 due |= (self._since >= effort.every) | begins
@@ -138,9 +137,7 @@ class ArmSmoother:
                 break
             trial = self._followed.followed(self.history, rows.episodes[places], proposals[places])
             better = trial.cost < rows.cost[places]
-            now = self._damping[places]
-            lower, higher = np.maximum(now * _EASED, _LEAST), np.minimum(now * _DAMPED, _MOST)
-            self._damping[places] = np.where(better, lower, higher)
+            self._damping[places] = adapted_damping(self._damping[places], better)
             self._since[places] = 0
             rows.put(places[better], trial, np.flatnonzero(better))
 

@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 
 _LARGEST_TENSION = 1e4  # N: motors stand where they were measured, whatever the tension
 _EASED, _DAMPED = 0.2, 10.0  # factors of the damping after a better and a worse trial
-_LEAST, _FIRST, _MOST = 1e-6, 1e-2, 1e6  # damping: the smallest, that of new starts, the largest
+LEAST_DAMPING, _FIRST, MOST_DAMPING = 1e-6, 1e-2, 1e6  # damping: the smallest, of new starts, the largest
 _SURPRISE = 5.0  # minus the logarithm of the probability of the second prior, over that of the first
 
 
@@ -128,12 +128,12 @@ class Smoother:
             motors, shifts, tensions = (np.zeros((count, self._steps, m)) for _ in range(3))
             self.history = MotorHistory(np.zeros(count, np.int64), motors, shifts, tensions, pictures)
             self._track = self._begun(np.arange(count), np.full(count, self._links[-1]))
-            self._damping = np.full(count, _LEAST)
+            self._damping = np.full(count, LEAST_DAMPING)
             self._since, self._tries, self._rested = (np.zeros(count, np.int64) for _ in range(3))
         rows = np.flatnonzero(mask)
         if rows.size:
             self.history.pictures[rows] = np.nan
-            self._damping[rows] = _LEAST
+            self._damping[rows] = LEAST_DAMPING
             for counts in (self.history.counts, self._since, self._tries, self._rested):
                 counts[rows] = 0
             _put(self._track, rows, self._begun(rows, np.full(len(rows), self._links[-1])))
@@ -231,7 +231,7 @@ class Smoother:
         for number in range(effort.passes):
             proposals, forces = self._fine.proposals(track, self._damping, effort.farthest)
             change = np.abs(proposals - track.numbers) / np.maximum(self._fine.model.sds[track.priors], 1e-12)
-            due = (change.max(axis=1) > effort.moved) & (self._damping < _MOST)
+            due = (change.max(axis=1) > effort.moved) & (self._damping < MOST_DAMPING)
             if number == 0:
                 due |= (self._since >= effort.every) | searched | late
             rows = np.flatnonzero(due)
@@ -240,7 +240,7 @@ class Smoother:
             which = track.episodes[rows], track.links[rows], track.priors[rows], proposals[rows], forces[rows]
             trial = self._fine.followed(self.history, *which)
             better = (trial.cost < track.cost[rows]) | (late[rows] & (number == 0))
-            self._damping[rows] = _adapted(self._damping[rows], better)
+            self._damping[rows] = adapted_damping(self._damping[rows], better)
             self._since[rows] = 0
             _put(track, rows[better], trial, np.flatnonzero(better))
 
@@ -273,7 +273,7 @@ class Smoother:
         winners = np.arange(len(rows)) * costs.shape[1] + costs.argmin(axis=1)
         better = costs.min(axis=1) < self._fine.unlikely(self._track)[rows]
         _put(self._track, rows[better], fine, winners[better])
-        self._damping[rows[better]] = _LEAST
+        self._damping[rows[better]] = LEAST_DAMPING
 
     def _place_at_start(self, numbers: Array, episodes: Integers) -> None:
         """Let motors begin where the start tension has them but for offsets and sheaths, in hidden numbers (R, K)."""
@@ -293,7 +293,7 @@ class Smoother:
             proposals = followed.proposals(track, damping, self.effort.farthest)
             trial = followed.followed(self.history, track.episodes, track.links, track.priors, *proposals)
             better = trial.cost < track.cost
-            damping = _adapted(damping, better)
+            damping = adapted_damping(damping, better)
             _put(track, np.flatnonzero(better), trial, np.flatnonzero(better))
 
     def _smoothed(self) -> Smoothed:
@@ -405,12 +405,12 @@ class _Followed:
         return self._solvers[rows]
 
 
-def _adapted(damping: Array, better: Mask) -> Array:
+def adapted_damping(damping: Array, better: Mask) -> Array:
     """Damping (R,) after trials."""
-    return np.where(better, np.maximum(damping * _EASED, _LEAST), np.minimum(damping * _DAMPED, _MOST))
+    return np.where(better, np.maximum(damping * _EASED, LEAST_DAMPING), np.minimum(damping * _DAMPED, MOST_DAMPING))
 
 
 def _put(track: Track, rows: Integers, other: Track, places: Integers | None = None) -> None:
-    """Replace rows of a track by those of another one at these places, by all of them if None."""
+    """Replace rows of a track by the rows of another one at these places, by all of them if None."""
     for values, others in zip(track, other, strict=True):
         values[rows] = others if places is None else others[places]
