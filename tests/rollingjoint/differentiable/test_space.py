@@ -132,6 +132,18 @@ def test_equilibria_are_those_of_the_compiled_solver(name, solve, potential):
         assert found.slip_margins(0.2).numpy() == pytest.approx(reference.slip_margins(0.2), rel=1e-9)
 
 
+def test_impossible_coefficients_and_angles_of_margins_are_refused():
+    chain = next(iter(BUILDS.values()))()
+    design = DifferentiableSpatialChain.from_mechanism(chain)
+    equilibria = solve_tensions(design, inputs_of(chain, solve_tensions))
+    for friction in (-0.1, np.nan):
+        with pytest.raises(rj.InvalidInput, match="friction"):
+            equilibria.slip_margins(friction)
+    for angle in (-0.1, 0.5 * np.pi, np.nan):
+        with pytest.raises(rj.InvalidInput, match="pressure_angle"):
+            equilibria.tooth_margins(angle)
+
+
 @pytest.mark.parametrize("name", BUILDS)
 def test_stiffness_and_poses_at_the_same_angles_are_those_of_the_kernels_to_1e_10(name):
     chain = BUILDS[name]()
