@@ -27,7 +27,7 @@ ALL = [
     ("rj_gym/Instrument-v0", "bank of filters", {}),
     ("rj_gym/Instrument-v0", "smoother", {}),
     ("rj_gym/RollingJoint-v0", FrictionOpenLoop, RUBBING),
-    ("rj_gym/Instrument-v0", partial(load_policy, "instrument"), POLICY.environment.settings),
+    ("rj_gym/Instrument-v0", partial(load_policy, "instrument", version=0), POLICY.environment.settings),
     ("rj_gym/Instrument-v0", lambda: ResidualPolicy(BaseController(OpenLoop()), DoNothing()), {}),
 ]
 
