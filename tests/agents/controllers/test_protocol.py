@@ -15,7 +15,7 @@ from agents.policies.loading import load_policy
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint.errors import InvalidInput
 
-STEPS, POLICY = 8, load_policy("instrument")
+STEPS, POLICY = 8, load_policy("instrument", version=0)
 RUBBING = {"friction": {"mu": (0.05, 0.2)}}
 ALL = [
     *(("rj_gym/RollingJoint-v0", name, {}) for name in controllers_in("rj_gym/RollingJoint-v0")),
