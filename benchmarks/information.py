@@ -269,7 +269,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             continue
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
-        drivers = {"probing bank": tuned_controllers(env.id)["probing bank"], policy: load_policy(policy)}
+        drivers = {"probing bank": tuned_controllers(env.id)["probing bank"], policy: load_policy(policy, version=0)}
         rows += [[world, name, *estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
     heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
     if rows:
@@ -277,7 +277,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if ARM in arguments.worlds:
         env = EnvConfig(f"rj_gym/{ARM}-v0")
         drivers = {name: tuned_controllers(env.id)[name] for name in ARM_DRIVERS} | {
-            ARM_POLICY: load_policy(ARM_POLICY)
+            ARM_POLICY: load_policy(ARM_POLICY, version=0)
         }
         rows = [[name, *arm_estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
         known = "can be known [mm]", "offsets known [mm]", "beads known [mm]"

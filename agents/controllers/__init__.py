@@ -12,6 +12,7 @@ Modules:
     filters: banks of Kalman filters.
     filter_feedback: Jacobian feedback, and predictive control, on their estimates.
     smoother: Jacobian feedback on the estimate of a full-information smoother.
+    arm_smoother: the smoother of an arm, from the settings of its task.
     privileged_feedback: Jacobian feedback on the true state.
     policy: a model of Stable-Baselines3.
     residual: a controller and a learned policy that adds to its actions.

@@ -121,7 +121,8 @@ def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPoli
     policies = {}
     for policy in shipped_policies():
         if episodes_key(policy.environment) not in keys:
-            title = policy.name.replace("_", " ")
+            version = version_of(policy.env_id)
+            title = policy.name.replace("_", " ") + (f" v{version}" if version else "")
             policies[f"{title} (shipped)" if title in titles else title] = policy
     return policies
 

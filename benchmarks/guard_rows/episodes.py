@@ -104,7 +104,7 @@ def _policies(sizes: Sizes) -> Record:
 
     record = Record("shipped policies: means", {"*": (0.0, 0.01)})
     for name in list_policies()[: None if sizes.runs else 1]:
-        policy = load_policy(name)
+        policy = load_policy(name, version=0)
         envs = gymnasium.make_vec(policy.env_id, sizes.episodes, "vector_entry_point", config=policy.settings)
         observation, info = envs.reset(seed=20_000)
         policy.reset(episodes=sizes.episodes)

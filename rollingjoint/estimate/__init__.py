@@ -8,7 +8,10 @@ Modules:
     equations: the normal equations of a history.
     arrays: of all these.
     smoother: the most likely hidden numbers of episodes, step by step.
-    arm_hidden, arm_derivatives, arm_rows, arm_smoother: the same for arms with friction in their holes.
+    arm_hidden: as hidden, for arms with friction in their holes.
+    arm_derivatives: as derivatives, for arms.
+    arm_rows: as kernels, for arms.
+    arm_smoother: as smoother, for arms.
 """
 
 from rollingjoint.estimate.arm_hidden import LARGEST_TILT, ArmPrior, ArmRanges

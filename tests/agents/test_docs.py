@@ -37,7 +37,7 @@ def run(command: str) -> int:
     if name == "evaluate":
         return evaluate.main([*arguments, "--episodes", "2"])
     assert name == "train"
-    config = Path(arguments[arguments.index("--config") + 1]).stem
+    config = Path(arguments[0]).stem
     few = [*FEW_STEPS[config].split(), "env.settings.episode_steps=10", "evaluation.episodes=1"]
     return train.main([*arguments, *(word for override in few for word in ("--set", override))])
 

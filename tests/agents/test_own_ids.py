@@ -187,7 +187,7 @@ def test_built_in_ids_have_no_table_of_rewards():
 
 
 def test_an_id_of_a_later_version_keeps_that_version_of_its_class(register):
-    shipped = load_policy("instrument")
+    shipped = load_policy("instrument", version=0)
     first = registered_settings("rj_gym/Instrument-v1", {"mechanism": shipped.mechanism})
     policy = replace(shipped, env_id="rj_gym/Instrument-v1", settings=first, score=None)
     register("reader/Rig-v0", entry_point="rj_gym:InstrumentV1Env", vector_entry_point="rj_gym:InstrumentV1VectorEnv",

@@ -15,7 +15,7 @@ from agents.policies.loading import load_policy
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint.errors import InvalidInput
 
-STEPS, POLICY = 8, load_policy("instrument")
+STEPS, POLICY = 8, load_policy("instrument", version=0)
 RUBBING = {"friction": {"mu": (0.05, 0.2)}}
 ALL = [
     *(("rj_gym/RollingJoint-v0", name, {}) for name in controllers_in("rj_gym/RollingJoint-v0")),
@@ -27,7 +27,7 @@ ALL = [
     ("rj_gym/Instrument-v0", "bank of filters", {}),
     ("rj_gym/Instrument-v0", "smoother", {}),
     ("rj_gym/RollingJoint-v0", FrictionOpenLoop, RUBBING),
-    ("rj_gym/Instrument-v0", partial(load_policy, "instrument"), POLICY.environment.settings),
+    ("rj_gym/Instrument-v0", partial(load_policy, "instrument", version=0), POLICY.environment.settings),
     ("rj_gym/Instrument-v0", lambda: ResidualPolicy(BaseController(OpenLoop()), DoNothing()), {}),
 ]
 

@@ -27,6 +27,7 @@ from agents.runs.folder import RunFolder
 from agents.shipped import ShippedPolicy, list_policies, load_policy
 from agents.training.build import build_model
 from agents.training.checkpoint import save_policy
+from rj_gym.registry import version_of
 from rj_gym.sb3 import make_sb3_env
 
 torch.set_num_threads(1)
@@ -298,9 +299,10 @@ def test_command_without_a_run_says_what_it_wants(capsys):
 def test_list_shows_every_shipped_policy_with_its_recorded_score(capsys):
     assert run("--list") == 0
     head, *rows = capsys.readouterr().out.splitlines()
-    assert [row.split()[0] for row in rows] == list_policies()
+    assert list(dict.fromkeys(row.split()[0] for row in rows)) == list_policies()
     for row in rows:
-        assert f"{load_policy(row.split()[0]).score.values['mean_mm']:.3f} mm" in row
+        policy = load_policy(row.split()[0], version=version_of(row.split()[-1]))
+        assert f"{policy.score.values['mean_mm']:.3f} mm" in row
     assert "within 1 mm" in head
 
 

@@ -51,7 +51,7 @@ def test_example_prints_what_the_page_says(program, output, capsys):
 
 
 def test_every_python_block_has_its_output():
-    assert PAGE.count("```python") == len(EXAMPLES) == 7
+    assert PAGE.count("```python") == len(EXAMPLES) == 9
 
 
 @pytest.mark.parametrize("name", SETTINGS)
