@@ -53,8 +53,8 @@ NOTES: Mapping[str, str] = dict.fromkeys(
 
 _IDEAL_LIMIT = (
     "Motors give way here exactly where the tension of a tendon, behind play and sheath, reaches 15 N, as no real "
-    "motor does. The policy of version 0 relies on it. With that number alone moved it ends at {}, and the probing bank "
-    "at {}: see [the ideal limit of tension](policies.md#the-ideal-limit-of-tension)."
+    "motor does. The policy of version 0 relies on it. With that number alone moved it ends at {}, and the probing "
+    "bank at {}: see [the ideal limit of tension](policies.md#the-ideal-limit-of-tension)."
 )
 TASK_NOTES: Mapping[str, str] = {
     "rj_gym/Instrument-v0": _IDEAL_LIMIT.format(
