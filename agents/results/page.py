@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.controllers.controller import Array
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS
-from agents.results.record import ENTRY, POLICY, SHIFT, TEST, VALIDATION, BenchmarkRecord, Results
+from agents.results.record import BASELINE, ENTRY, POLICY, SHIFT, TEST, VALIDATION, BenchmarkRecord, Results
 from agents.results.standings import Standings
 from agents.results.wording import (
     change_text,
@@ -25,13 +25,14 @@ from agents.results.wording import (
     with_interval,
     wrapped,
 )
-from agents.results.worlds import NOTES, task_note
+from agents.results.worlds import KNOWN_MM, NOTES, task_note
 from rollingjoint.tables import markdown_table
 
 ERRORS = ("mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]")
 SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
 ACTION = "µs per action"
+SMOOTHER, PLAIN = "smoother", "Plain PPO"
 TRAINING = ("steps", "training [min]", "seeds")
 CHANGE = "change of the mean [%]"
 
@@ -51,6 +52,7 @@ def page(results: Results, pictures: Mapping[str, str], films: Mapping[str, Mapp
         "## In short",
         summary_table(tables),
         _reading(results.benchmarks),
+        *_costs(tables),
     ]
     for table in tables:
         parts += [*table.section(), *_pictures(films.get(table.record.title, {}))]
@@ -129,6 +131,29 @@ class Tables:
         times = [run.driven[self.worlds[0].world.name].action_us for run in runs]
         return f"{np.mean(times):.2g}" if all(times) else ""
 
+    def costs(self) -> list[str]:
+        """A row of the best learner, the smoother, the best other opponent, plain PPO and feedback on the true state."""
+        record, (own, *_) = self.record, self.worlds
+        plain = next((name for name in own.names if name.startswith(PLAIN.lower().replace(" ", "_"))), None)
+        privileged = next((name for name in own.names if record.controller(name).privileged), None)
+        learner, other = own.policy, record.best(BASELINE, but=[SMOOTHER])
+
+        def cell(name: str | None) -> str:
+            if name is None or name not in own.names:
+                return ""
+            microseconds = self._action_us(name)
+            return mm(own.mean(name).value) + (f" / {microseconds}" if microseconds else "")
+
+        known = KNOWN_MM.get(record.env_id)
+        cells = [cell(learner), "" if learner is None else self._training(learner)[1], cell(SMOOTHER)]
+        cells += [
+            f"{other}: {cell(other)}" if other else "",
+            cell(plain),
+            cell(privileged),
+            f"{known:g}" if known else "",
+        ]
+        return [f"[{record.title}](#{_anchor(record.title)})", *cells]
+
     def _training(self, name: str) -> tuple[str, str, str]:
         controller = self.record.controller(name)
         if controller.kind != POLICY:
@@ -165,6 +190,30 @@ def summary_table(tables: Sequence[Tables]) -> str:
         cells += ["" if difference is None else with_interval(difference, mm)]
         rows.append([*cells, mm(float(floors.mean())) if len(floors) else "unknown", in_short(standing)])
     return markdown_table(head, rows)
+
+
+def _costs(tables: Sequence[Tables]) -> list[str]:
+    """Heading and table of what it takes to be so near, of tasks that a smoother drives in; nothing without any."""
+    rows = [table.costs() for table in tables if SMOOTHER in table.worlds[0].names]
+    if not rows:
+        return []
+    text = (
+        "The mean tip error with, after a slash, the processor time of an action in µs, the episodes side by side, where it "
+        "was measured; `benchmarks/opponents.py` times controllers of the other tasks. Plain PPO is a newcomer's first try: "
+        "defaults of Stable-Baselines3 and eight stacked observations. What can be known of the tip is estimated from what "
+        "sensors tell ([opponents.md](opponents.md#what-can-be-known-at-all)); it is no bound."
+    )
+    head = (
+        "task",
+        "best learner",
+        "training [min]",
+        SMOOTHER,
+        "best of the others",
+        PLAIN,
+        "true state",
+        "can be known",
+    )
+    return ["## What it takes", text, markdown_table(head, rows)]
 
 
 def _anchor(title: str) -> str:

@@ -224,13 +224,14 @@ class BenchmarkRecord:
         """The worlds of a role."""
         return [world for world in self.worlds if world.role == role]
 
-    def best(self, kind: str) -> str | None:
+    def best(self, kind: str, but: Sequence[str] = ()) -> str | None:
         """The controller of a kind with the smallest mean error in the validation episodes; None where there is none.
 
-        Privileged controllers are left out.
+        Privileged controllers, and those named in `but`, are left out.
         """
         (world, *_) = [world.name for world in self.of_role(VALIDATION)] or [""]
         names = [name for name in self.names(kind, world) if world and not self.controller(name).privileged]
+        names = [name for name in names if name not in but]
         return min(names, key=lambda name: float(self.controller(name).errors(world).mean()), default=None)
 
 

@@ -67,6 +67,14 @@ TASK_NOTES: Mapping[str, str] = {
 """What has to be known to read the tables of a task, by id; figures of benchmarks/tension_limit.py."""
 
 
+KNOWN_MM: Mapping[str, float] = {
+    "rj_gym/Instrument-v0": 0.47,
+    "rj_gym/InstrumentShift-v0": 0.16,
+    "rj_gym/ArmInstrument-v0": 1.26,
+}
+"""What can be known of the tip, by id [mm]: the least of benchmarks/information.py."""
+
+
 def task_note(record: BenchmarkRecord) -> str:
     """The note on a task; empty where there is none, or where the task has another limit of tension."""
     ideal = list(record.settings.get("tension_range", ())) == list(TrackingConfig().tension_range)

@@ -125,6 +125,23 @@ def test_the_time_of_an_action_has_a_column_where_it_was_measured(tmp_path):
     assert [row.split("|")[column].strip() for row in (learned, other)] == ["4.5", ""]
 
 
+def test_what_it_takes_is_told_where_a_smoother_drives():
+    learned = controller("learned", POLICY, 0.0)
+    learned.runs[0].driven[TEST] = replace(learned.runs[0].driven[TEST], action_us=4.4)
+    others = [
+        controller("plain_ppo_demo", POLICY, 1.0),
+        controller("smoother", BASELINE, -0.2),
+        controller("filter", BASELINE, 0.5),
+        controller("teacher", BASELINE, -1.0, privileged=True),
+    ]
+    text = page(Results([benchmark(learned, *others)]), {}, {})
+    (row,) = [line for line in text.splitlines() if line.startswith("| [demo](#demo) | 2") and "filter:" in line]
+    cells = [cell.strip() for cell in row.split("|")[2:-1]]
+    assert cells[0].endswith(" / 4.4") and cells[1:2] == ["1.0"] and cells[3].startswith("filter: 2.")
+    assert float(cells[2]) < float(cells[0].split()[0]) < float(cells[4]) and cells[6] == ""
+    assert "## What it takes" not in page(Results([benchmark(learned, others[2])]), {}, {})
+
+
 def complete() -> Results:
     worlds = [
         replace(WORLDS[0], floors=np.where(np.arange(E) % 2, 0.01, np.nan)),
