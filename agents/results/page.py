@@ -132,7 +132,7 @@ class Tables:
         return f"{np.mean(times):.2g}" if all(times) else ""
 
     def costs(self) -> list[str]:
-        """A row of the best learner, the smoother, the best other opponent, plain PPO and feedback on the true state."""
+        """A row: the best learner, the smoother, the best other opponent, plain PPO, feedback on the true state."""
         record, (own, *_) = self.record, self.worlds
         plain = next((name for name in own.names if name.startswith(PLAIN.lower().replace(" ", "_"))), None)
         privileged = next((name for name in own.names if record.controller(name).privileged), None)
@@ -146,12 +146,8 @@ class Tables:
 
         known = KNOWN_MM.get(record.env_id)
         cells = [cell(learner), "" if learner is None else self._training(learner)[1], cell(SMOOTHER)]
-        cells += [
-            f"{other}: {cell(other)}" if other else "",
-            cell(plain),
-            cell(privileged),
-            f"{known:g}" if known else "",
-        ]
+        cells += [f"{other}: {cell(other)}" if other else "", cell(plain), cell(privileged)]
+        cells.append(f"{known:g}" if known else "")
         return [f"[{record.title}](#{_anchor(record.title)})", *cells]
 
     def _training(self, name: str) -> tuple[str, str, str]:
@@ -198,21 +194,13 @@ def _costs(tables: Sequence[Tables]) -> list[str]:
     if not rows:
         return []
     text = (
-        "The mean tip error with, after a slash, the processor time of an action in µs, the episodes side by side, where it "
-        "was measured; `benchmarks/opponents.py` times controllers of the other tasks. Plain PPO is a newcomer's first try: "
-        "defaults of Stable-Baselines3 and eight stacked observations. What can be known of the tip is estimated from what "
-        "sensors tell ([opponents.md](opponents.md#what-can-be-known-at-all)); it is no bound."
+        "The mean tip error with, after a slash, the processor time of an action in µs, the episodes side by side, "
+        "where it was measured; `benchmarks/opponents.py` times controllers of the other tasks. Plain PPO is a "
+        "newcomer's first try: defaults of Stable-Baselines3 and eight stacked observations. What can be known of the "
+        "tip is estimated from what sensors tell ([opponents.md](opponents.md#what-can-be-known-at-all)); it is no "
+        "bound."
     )
-    head = (
-        "task",
-        "best learner",
-        "training [min]",
-        SMOOTHER,
-        "best of the others",
-        PLAIN,
-        "true state",
-        "can be known",
-    )
+    head = ("task", "best learner", "training [min]", SMOOTHER, "best other", PLAIN, "true state", "can be known")
     return ["## What it takes", text, markdown_table(head, rows)]
 
 
