@@ -87,14 +87,14 @@ class SweepAxis:
 
     Args:
         largest: for tasks that lack the setting, but are shifted to it: where the curve ends.
-        points: of the curve, times the largest value of training.
+        points: of the curve, times the largest value of training; none: POINTS.
     """
 
     name: str
     label: str
     keys: tuple[str, str]
     largest: float = 0.0
-    points: Sequence[float] = POINTS
+    points: Sequence[float] = ()
 
     def trained(self, env: EnvConfig) -> tuple[float, float]:
         """The range of the setting in a task."""
@@ -164,7 +164,7 @@ def _points(env: EnvConfig, plan: ScoringPlan) -> Iterator[World]:
         if end <= 0 or (axis.name == "load" and not _load_varies(env)):
             continue
         section, key = axis.keys
-        for share in axis.points:
+        for share in axis.points or POINTS:
             value = round(share * end, 6)
             changes = {section: {key: [value, value]}}
             try:

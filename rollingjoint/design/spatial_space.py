@@ -63,7 +63,7 @@ class SpatialDesignSpace(DesignBox):
         convexity: of the knots [1/mm]: a child surface has curvature -value, a parent surface +value.
         azimuth: turn of every joint's plane from pitch (joints 0, 2, ...) or yaw (joints 1, 3, ...) [rad].
         height: of a link, from apex to apex [mm].
-        reach: surfaces run over s in [-reach, reach] [mm].
+        reach: surfaces run from s = -reach to reach [mm].
         half_width: of the contact lines [mm].
         hole_radius: distance of the holes from the axis of the tube [mm].
         hole_depth: of the holes below the apex of their surface [mm].

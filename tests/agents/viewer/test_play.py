@@ -14,7 +14,7 @@ from agents.viewer.play import PERSON, Match, Seat, hidden_load
 from rj_gym import IDS
 from rollingjoint.errors import InvalidInput
 
-WITHOUT_POLICY = {each for each in IDS if each.endswith("-v1")}  # none is shipped yet
+WITHOUT_POLICY = {"rj_gym/ArmInstrument-v1"}
 CHAIN, ARM, BLIND = "RollingJoint-v0", "FlexibleArm-v0", "Instrument-v0"
 SMALL_ARM = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm", "episode_steps": 6})
 
