@@ -129,7 +129,8 @@ class Tables:
         """Processor time per action in the task's own episodes, mean of the runs [µs]; empty where it is not known."""
         runs = self.record.controller(name).runs
         times = [run.driven[self.worlds[0].world.name].action_us for run in runs]
-        return f"{np.mean(times):.2g}" if all(times) else ""
+        mean = float(np.mean(times))
+        return "" if not all(times) else f"{mean:.0f}" if mean >= 10.0 else f"{mean:.1f}"
 
     def costs(self) -> list[str]:
         """A row: the best learner, the smoother, the best other opponent, plain PPO, feedback on the true state."""
