@@ -28,12 +28,11 @@ TASKS = {  # of the results page, by the stem of the classes
     "FlexibleArm": ("flexible_arm",),
     "FlexibleArmGoal": ("flexible_arm",),
     "ArmInstrument": ("arm_instrument",),
-    "PitchYaw": (),
+    "PitchYaw": ("pitch_yaw",),
     "CurvatureDesign": (),
 }
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
-    "PitchYaw": ("pitch_yaw_environment.gif", "A test episode of a policy."),
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}

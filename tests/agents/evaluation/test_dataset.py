@@ -161,7 +161,7 @@ def test_what_is_no_dataset_is_a_clear_error(tmp_path):
 
 
 CONTROLLERS = {
-    "late_pose": "rj_gym/LatePose-v0",  # with memory, and in its own environment
+    "late_pose": "rj_gym/LatePose-v1",  # with memory, and in its own environment
     "agents/policies/noisy.safetensors": "rj_gym/RollingJoint-v0",
     "load estimate": "rj_gym/RollingJoint-v0",
     "agents.controllers.privileged_feedback:PrivilegedFeedback": "rj_gym/RollingJoint-v0",
