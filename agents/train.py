@@ -36,6 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    name = arguments.name or arguments.config
+    if arguments.write is not None and name is None:
+        raise ConfigError("--write", str(arguments.write), "the name of a ready-made configuration beside it")
     if arguments.list:
         print(list_of(TRAIN))
         return 0
@@ -46,7 +49,6 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         from agents.training.learn import resume
 
         return resume(arguments.resume, arguments.set, command)
-    name = arguments.name or arguments.config
     if arguments.write is not None:
         copied(name, arguments.write)
         print(f"{arguments.write}: edit it, then rj train {arguments.write}")

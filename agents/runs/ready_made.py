@@ -37,7 +37,8 @@ def configuration_file(kind: str, given: str | Path, folder: Path = Path()) -> P
     if str(given) in known:
         return _file(kind, str(given))
     hint = f"The ready-made one is {path.stem!r}." if path.stem in known else suggestion(str(given), known)
-    raise ConfigError("configuration", str(given), f"a YAML file, or one of {', '.join(known)}", hint)
+    listed = "the names that rj train --list prints" if kind == TRAIN else ", ".join(known)
+    raise ConfigError("configuration", str(given), f"a YAML file, or one of {listed}", hint)
 
 
 def copied(name: str, target: Path) -> None:

@@ -36,6 +36,9 @@ def test_the_command_lists_and_copies(tmp_path, capsys):
     assert "file: instrument\n" in mine.read_text() and f"rj train {mine}" in capsys.readouterr().out
     assert main(["apg_instrument", "--write", str(mine)]) == 2
     assert "expected a file that does not exist yet" in capsys.readouterr().err
+    for arguments in (["--list"], ["--resume", str(tmp_path)]):
+        assert main([*arguments, "--write", str(mine)]) == 2
+        assert "expected the name of a ready-made configuration beside it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
