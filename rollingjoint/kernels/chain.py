@@ -10,7 +10,7 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.formulas import formula
-from rollingjoint.kernels.long_chain import symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.long_chain import symmetric_direction, unchanged, unlimited, whole_step
 from rollingjoint.kernels.newton import reclassified
 from rollingjoint.kernels.tendons import evaluate_tendons
 
@@ -79,5 +79,6 @@ def register(kind: type) -> None:
         formula(generic, kind)(piece.py_func)
     formula(formulas.direction, kind)(symmetric_direction)
     formula(formulas.renew, kind)(unchanged)
+    formula(formulas.shorten, kind)(whole_step)
     formula(formulas.overshoots, kind)(unlimited)
     formula(formulas.reconsider, kind)(reclassified)

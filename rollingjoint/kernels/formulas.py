@@ -123,6 +123,11 @@ def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: A
     raise TypeError("fill_load_generators is compiled into kernels")
 
 
+def generator_columns(chain: Any, loads: Any) -> Any:
+    """Number of columns of a Sweep for the loads; chains in the plane."""
+    raise TypeError("generator_columns is compiled into kernels")
+
+
 def stiffness(chain: Any, loads: Any, state: Any, H: Any) -> None:
     """Fill H = dr/dangle, (J, J), at an evaluated state."""
     raise TypeError("stiffness is compiled into kernels")
@@ -146,6 +151,11 @@ def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
 def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:
     """Fill a step along which the line search descends: Newton's, changed where H is not positive definite."""
     raise TypeError("direction is compiled into kernels")
+
+
+def shorten(chain: Any, state: Any, step: Any) -> None:
+    """Shorten a step of Newton's method that would move the chain too far."""
+    raise TypeError("shorten is compiled into kernels")
 
 
 def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:

@@ -128,3 +128,7 @@ def unchanged(chain, state, energy, magnitude):
 def unlimited(chain, slope, new_slope):
     """`overshoots` where the line search goes by a potential: no step is too long as long as that falls."""
     return False
+
+
+def whole_step(chain, state, step):
+    """`shorten` where a chain has nothing to run into."""

@@ -19,6 +19,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
+from rollingjoint.statics.among import ORIGIN, Around, walls_around_rows
 from rollingjoint.statics.inputs import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
@@ -60,10 +61,21 @@ class Batch:
         """The same values for every row, (B, ...)."""
         return np.repeat(values[None], len(self.inputs), axis=0)
 
-    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start, history: History) -> Any:
+    def solve(
+        self,
+        laws: TendonLaw,
+        loads: Sequence[Load] | Array,
+        starts: Start,
+        history: History,
+        surroundings: Around | Sequence[Around] = None,
+        base: ArrayLike = ORIGIN,
+    ) -> Any:
         """The equilibria."""
         tables, phi = self._tables(loads), self._starts(start_of(starts, history))
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, phi
+        if surroundings is not None:
+            walls = walls_around_rows(self.mechanism, surroundings, base, len(self.inputs))
+            return solve_batch(*inputs, walls)
         rub = [chain.has_friction for chain in self.chains]
         if history is None or not any(rub):
             return solve_batch(*inputs)

@@ -1,0 +1,87 @@
+"""Checked surroundings of the solvers: walls around one mechanism or the rows of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.rolling import planar
+from rollingjoint.chain.wall_step import new_wall_arrays
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.walled_solve import WallArrays
+from rollingjoint.kernels.walls import Walls
+
+Array = NDArray[np.float64]
+
+Around = Any
+"""Surroundings, the arrays of one mechanism among them (kernels.walls.Walls), or None."""
+
+ORIGIN = (0.0, 0.0, 0.0)
+"""The pose of the base in the world: x, y [mm], angle [rad]."""
+
+
+def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
+    """The walls and the outline of a mechanism, as kernels take them, a stack of one."""
+    chain = planar(mechanism, "Surroundings are for planar chains.")
+    if isinstance(surroundings, Walls):
+        return surroundings
+    if not hasattr(surroundings, "arrays"):
+        raise InvalidInput("surroundings", surroundings, "Surroundings or None")
+    walls: Walls = surroundings.arrays(chain)
+    return walls
+
+
+def walls_around(mechanism: AnyChain, surroundings: Around, base: ArrayLike) -> WallArrays:
+    """The walls around one mechanism, whose base is at a pose in the world, with room for results."""
+    pose = _bases(base, None)
+    return new_wall_arrays(walls_of(surroundings, mechanism), np.zeros(1, np.int64), pose, mechanism.n_joints)
+
+
+def walls_around_rows(
+    mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
+) -> WallArrays:
+    """The walls around every row of a batch; surroundings: of all rows, or a list with those of each."""
+    single = not isinstance(surroundings, Sequence) or isinstance(surroundings, Walls)
+    if not single and len(surroundings) != rows:
+        raise InvalidInput("number of surroundings", len(surroundings), f"{rows}, one per row of the batch")
+    places: dict[tuple[int, int], int] = {}
+    different: list[Walls] = []
+    which = np.zeros(rows, np.int64)
+    for row in range(rows):
+        chain = mechanism[row] if isinstance(mechanism, Sequence) else mechanism
+        around = surroundings if single else surroundings[row]
+        place = places.setdefault((id(chain), id(around)), len(different))
+        if place == len(different):
+            different.append(walls_of(around, chain))
+        which[row] = place
+        if single and not isinstance(mechanism, Sequence):
+            break
+    first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
+    return new_wall_arrays(stacked_walls(different), which, _bases(base, rows), first.n_joints)
+
+
+def stacked_walls(every: Sequence[Walls]) -> Walls:
+    """Several stacks as one, padded by rows without effect."""
+    if len(every) == 1:
+        return every[0]
+    joined = []
+    for arrays in zip(*every, strict=True):
+        if arrays[0].ndim > 1:
+            most = max(array.shape[1] for array in arrays)
+            arrays = tuple(np.pad(array, ((0, 0), (0, most - array.shape[1]), (0, 0))) for array in arrays)
+        joined.append(np.concatenate(arrays))
+    return Walls(*joined)
+
+
+def _bases(base: ArrayLike, rows: int | None) -> Array:
+    """Poses of the base, (rows or 1, 3)."""
+    allowed = "x, y [mm] and angle [rad]" if rows is None else f"x, y [mm] and angle [rad], once or for {rows} rows"
+    array = as_floats("base", base, allowed)
+    if array.shape != (3,) and (rows is None or array.shape != (rows, 3)):
+        raise InvalidInput("base", base, allowed)
+    return np.repeat(array.reshape(-1, 3), (rows or 1) // (1 if array.ndim == 1 else len(array)), axis=0)
