@@ -12,13 +12,12 @@ Modules:
 
 from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.outline import Bare, Outline, OutlineRows, Sleeve
-from rollingjoint.surroundings.table import WALLS, Candidates, Surroundings, stacked
+from rollingjoint.surroundings.table import WALLS, Surroundings
 from rollingjoint.surroundings.walls import Capsule, Disc, HalfPlane, Polygon, Wall, WallFriction
 
 __all__ = [
     "WALLS",
     "Bare",
-    "Candidates",
     "Capsule",
     "Disc",
     "HalfPlane",
@@ -30,5 +29,4 @@ __all__ = [
     "Surroundings",
     "Wall",
     "WallFriction",
-    "stacked",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,20 +30,14 @@ Array = NDArray[np.float64]
 WALLS = (HalfPlane, Disc, Capsule, Polygon, Lumen)
 _NO_FRICTION = WallFriction(0.0)
 _WIDTHS = {"planes": 3, "discs": 3, "capsules": 5, "pieces": 8, "lumens": 0}  # without law or number of the lumen
-_IN_POINTS, _IN_BARS = ("planes", "lumens"), ("discs", "capsules")
-_PER_CAPSULE = 4  # candidates of one bar
 
 
-class Candidates(NamedTuple):
-    """What may touch what, in the order in which kernels number it, (C,) each.
+class HasLinks(Protocol):
+    """A planar chain."""
 
-    Attributes:
-        links: the link.
-        walls: the wall, its place in `Surroundings.walls`.
-    """
-
-    links: NDArray[np.intp]
-    walls: NDArray[np.intp]
+    @property
+    def links(self) -> Sequence[HasSurfaces]:
+        """Its links, base first."""
 
 
 @dataclass(frozen=True)
@@ -88,16 +82,16 @@ class Surroundings:
         """True if any wall rubs."""
         return any(self._friction(wall).mu > 0.0 for wall in self.walls)
 
-    def arrays(self, links: Sequence[HasSurfaces]) -> Walls:
-        """The arrays of kernels for the links of a planar chain, base first, with a leading axis of 1; kept for reuse.
+    def arrays(self, chain: HasLinks) -> Walls:
+        """The arrays of kernels for a planar chain, with a leading axis of 1; kept for the next call.
 
         Raises:
             InvalidInput: links that the outline does not fit.
         """
-        before: tuple[Sequence[HasSurfaces], Walls] | None = self.__dict__.get("_arrays")
-        if before is not None and before[0] is links:
+        before: tuple[HasLinks, Walls] | None = self.__dict__.get("_arrays")
+        if before is not None and before[0] is chain:
             return before[1]
-        outline = self.outline.rows(links)
+        outline = self.outline.rows(chain.links)
         tables: dict[str, list[Row]] = {name: [] for name in _WIDTHS}
         for wall in self.walls:
             law = self._law(wall)
@@ -112,22 +106,8 @@ class Surroundings:
         walls = Walls(**{name: np.ascontiguousarray(array[None]) for name, array in columns.items()})
         for array in walls:
             array.setflags(write=False)
-        object.__setattr__(self, "_arrays", (links, walls))
+        object.__setattr__(self, "_arrays", (chain, walls))
         return walls
-
-    def candidates(self, links: Sequence[HasSurfaces]) -> Candidates:
-        """Link and wall of every candidate of contact, in the order of kernels."""
-        outline = self.outline.rows(links)
-        owners: dict[str, list[int]] = {name: [] for name in _WIDTHS}
-        for i, wall in enumerate(self.walls):
-            for name, rows in wall.rows().items():
-                owners[name] += [i] * (len(rows) * (_PER_CAPSULE if name == "capsules" else 1))
-        links_of, walls_of = [], []
-        for items, names in ((outline.points, _IN_POINTS), (outline.bars, _IN_BARS)):
-            walls = np.array([owner for name in names for owner in owners[name]], np.intp)
-            links_of.append(np.repeat(items[:, 0].astype(np.intp), walls.size))
-            walls_of.append(np.tile(walls, len(items)))
-        return Candidates(np.concatenate(links_of), np.concatenate(walls_of))
 
     def _friction(self, wall: Wall) -> WallFriction:
         return wall.friction or self.friction or _NO_FRICTION
@@ -135,17 +115,3 @@ class Surroundings:
     def _law(self, wall: Wall) -> Row:
         friction = self._friction(wall)
         return wall.stiffness, wall.toe, friction.mu, friction.presliding
-
-
-def stacked(walls: Sequence[Walls]) -> Walls:
-    """Arrays of several surroundings, one row each, padded by rows of zeros to the most rows of each table."""
-    tables = []
-    for arrays in zip(*walls, strict=True):
-        if arrays[0].ndim == 1:
-            tables.append(np.concatenate(arrays))
-            continue
-        table = np.zeros((len(arrays), max(array.shape[1] for array in arrays), arrays[0].shape[2]))
-        for row, array in zip(table, arrays, strict=True):
-            row[: array.shape[1]] = array[0]
-        tables.append(table)
-    return Walls(*tables)

@@ -21,7 +21,7 @@ from rollingjoint import (
     five_link,
     uniform,
 )
-from rollingjoint.surroundings import stacked
+from tests.rollingjoint.walls.test_reference import CASES, chain_of, name_of, walls_of
 
 UP = (0.0, 0.0, math.pi / 2)
 S_BEND = Lumen([30, 40, 40, 20], [0, 0.02, -0.02, 0], 8.0, UP, stiffness=2.0)
@@ -50,7 +50,7 @@ def test_bare_outline_has_the_sides_moved_inwards_and_the_face_of_the_tip():
     chain = five_link()
     rows = Bare(1.0).rows(chain.links)
     link = chain.links[1]
-    low, high = (surface.point(surface.limits[0]) + [1.0, 0.0] for surface in (link.parent, link.child))
+    low, high = (surface.point(surface.limits[0]) + np.array([1.0, 0.0]) for surface in (link.parent, link.child))
     assert rows.points.shape == (4 * 2 * 3 + 1, 4) and rows.bars.shape == (4 * 2 + 2, 6)
     assert np.allclose(rows.bars[0], [1, *low, *high, 1.0], atol=1e-12)
     assert np.allclose(rows.points[:3, 1:3], [low, 0.5 * (low + high), high], atol=1e-12)
@@ -69,7 +69,7 @@ def test_arrays_hold_one_row_per_wall_with_its_law():
         Polygon([(0, 0), (4, 0), (0, 4)]),
     ]
     chain = five_link()
-    arrays = Surroundings(walls, Sleeve(8.0), WallFriction(0.2)).arrays(chain.links)
+    arrays = Surroundings(walls, Sleeve(8.0), WallFriction(0.2)).arrays(chain)
     assert arrays.planes.tolist() == [[[1.0, 0.0, -25.0, 5.0, 0.0, 0.2, 0.05]]]
     assert arrays.discs.tolist() == [[[1.0, 2.0, 3.0, 1.0, 0.0, 0.4, 0.1]]]
     assert arrays.capsules.shape == (1, 4, 9) and arrays.capsules[0, 0].tolist() == [0, 0, 1, 1, 2, 1, 0.5, 0.2, 0.05]
@@ -79,33 +79,30 @@ def test_arrays_hold_one_row_per_wall_with_its_law():
     assert arrays.pieces[0, :, 5].tolist() == [0, 30, 70, 110] and not arrays.pieces[0, :, 8].any()
 
 
-def test_candidates_are_numbered_points_first_then_bars():
-    chain = five_link()
-    found = Surroundings([Disc((50, 0), 3), HalfPlane((1, 0), -40), Capsule((60, 0), (60, 9)), S_BEND]).candidates(
-        chain.links
-    )
-    assert found.walls[:4].tolist() == [1, 3, 1, 3] and found.links[:6].tolist() == [1, 1, 1, 1, 2, 2]
-    assert found.walls[16:21].tolist() == [0, 2, 2, 2, 2] and found.links[16:26].tolist() == [1] * 5 + [2] * 5
-    assert found.links.size == 8 * 2 + 4 * 5
-
-
 def test_arrays_are_kept_for_the_same_links_and_made_anew_for_others():
     around, chain = Surroundings([HalfPlane((1, 0), -40)]), five_link()
-    assert around.arrays(chain.links) is around.arrays(chain.links)
-    assert around.arrays(uniform(9).links).bars.shape == (1, 8, 6)
-    assert around.arrays(chain.links).bars.shape == (1, 4, 6)
+    assert around.arrays(chain) is around.arrays(chain)
+    assert around.arrays(uniform(9)).bars.shape == (1, 8, 6)
+    assert around.arrays(chain).bars.shape == (1, 4, 6)
     assert pickle.loads(pickle.dumps(around)) == around
 
 
-def test_stacked_rows_are_padded_by_zeros():
-    chain = five_link()
-    one, two = (
-        Surroundings(walls).arrays(chain.links) for walls in ([Disc((1, 2), 3)], [Disc((1, 2), 3)] * 2 + [S_BEND])
-    )
-    rows = stacked([one, two])
-    assert rows.discs.shape == (2, 2, 7) and not rows.discs[0, 1].any() and np.array_equal(rows.discs[1], two.discs[0])
-    assert rows.lumens.shape == (2, 1, 4) and not rows.lumens[0].any()
-    assert rows.points.shape == (2, 8, 4) and rows.rigid.shape == (2,)
+@pytest.mark.parametrize("case", CASES, ids=name_of)
+def test_reference_cases_have_the_arrays_written_out_from_their_definitions(case):
+    spec, chain = case["spec"], chain_of(case["spec"])
+    around, (kind, size) = spec["sur"], spec["outline"]
+    walls = [HalfPlane(row[:2], row[2], stiffness=row[3]) for row in around.get("planes", [])]
+    walls += [Disc(row[:2], row[2], stiffness=row[3]) for row in around.get("discs", [])]
+    walls += [Capsule(row[:2], row[2:4], row[4], stiffness=row[5]) for row in around.get("segs", [])]
+    if "pieces" in around:
+        lengths, curvatures, first, last = np.array(around["pieces"]).T
+        law = {"stiffness": around["lumen_k"], "toe": around.get("toe", 0.0)}
+        walls.append(Lumen(lengths, curvatures, [first[0], *last], around["start"], **law))
+    outline = {"sleeve": Sleeve, "bare": Bare}[kind](size)
+    friction = WallFriction(spec["mu"], case["presliding_mm"])
+    arrays = Surroundings(walls, outline, friction, spec["rigid"]).arrays(chain)
+    for mine, definition in zip(arrays, walls_of(case, chain), strict=True):
+        np.testing.assert_allclose(mine, definition, rtol=0.0, atol=1e-12)
 
 
 def test_lumen_goes_on_straight_at_both_ends_without_corners():
