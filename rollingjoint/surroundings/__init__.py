@@ -3,6 +3,7 @@
 Mechanisms know nothing of them; solvers take them beside loads.
 
 Modules:
+    file: surroundings as plain values.
     fitting: centre lines of arcs through points.
     lumen: tubes around a centre line.
     outline: outlines of links.
