@@ -16,10 +16,11 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
+from rollingjoint.surroundings import Surroundings
 
 Array = NDArray[np.float64]
 
-Around = Any
+Around = Surroundings | Walls | None
 """Surroundings, the arrays of one mechanism among them (kernels.walls.Walls), or None."""
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -31,25 +32,25 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
     chain = planar(mechanism, "Surroundings are for planar chains.")
     if isinstance(surroundings, Walls):
         return surroundings
-    if not hasattr(surroundings, "arrays"):
-        raise InvalidInput("surroundings", surroundings, "Surroundings or None")
-    walls: Walls = surroundings.arrays(chain)
-    return walls
+    if not isinstance(surroundings, Surroundings):
+        raise InvalidInput("surroundings", surroundings, "Surroundings or None", "Surroundings([Disc((20, 50), 5)])")
+    return surroundings.arrays(chain)
 
 
 def walls_around(
     mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
 ) -> WallArrays:
     """The walls around every row of a batch; surroundings: of all rows, or a list with those of each."""
-    single = not isinstance(surroundings, Sequence) or isinstance(surroundings, Walls)
-    if not single and len(surroundings) != rows:
-        raise InvalidInput("number of surroundings", len(surroundings), f"{rows}, one per row of the batch")
+    single = isinstance(surroundings, Walls) or not isinstance(surroundings, Sequence)
+    every: Sequence[Around] = [surroundings] if single else surroundings  # type: ignore[list-item, assignment]
+    if not single and len(every) != rows:
+        raise InvalidInput("number of surroundings", len(every), f"{rows}, one per row of the batch")
     places: dict[tuple[int, int], int] = {}
     different: list[Walls] = []
     which = np.zeros(rows, np.int64)
     for row in range(rows):
         chain = mechanism[row] if isinstance(mechanism, Sequence) else mechanism
-        around = surroundings if single else surroundings[row]
+        around = every[0 if single else row]
         place = places.setdefault((id(chain), id(around)), len(different))
         if place == len(different):
             different.append(walls_of(around, chain))
