@@ -1,4 +1,4 @@
-"""The smoother of an arm whose tip nobody sees, from the settings of its task."""
+"""The smoother of an arm or a chain in space whose tip nobody sees, from the settings of its task."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import Any, cast
 
 from rj_gym.tracking.config import FlexibleArmConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import HingeChain
+from rollingjoint import HingeChain, SpatialChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import LARGEST_TILT, ArmEffort, ArmLaw, ArmPrior, ArmRanges, ArmSmoother
+from rollingjoint.estimate import LARGEST_TILT, ArmEffort, ArmLaw, ArmPrior, ArmRanges, ArmSmoother, is_served
 
 
 def check_arm(task: TrackingTask) -> FlexibleArmConfig:
     """The settings of a task with an arm, one that the smoother knows; raises InvalidInput for others."""
     config, arm, hint = cast(FlexibleArmConfig, task.config), task.mechanism, "That is what the smoother knows."
-    if arm.springs or arm.model != "exact" or not config.has_friction(arm) or config.friction is None:
-        raise InvalidInput("mechanism", arm, "an arm with exact tendons and drawn friction, without springs", hint)
+    if not is_served(arm) or not config.has_friction(arm) or config.friction is None:
+        allowed = "exact tendons and drawn friction, without springs and rolling resistance"
+        raise InvalidInput("mechanism", arm, allowed, hint)
     if config.load.process != "constant":
         raise InvalidInput("load.process", config.load.process, "'constant'", hint)
     if config.gravity.tilt[1] > LARGEST_TILT:
@@ -85,7 +86,7 @@ def arm_smoother_of(task: TrackingTask, settings: Any) -> ArmSmoother:
 
     settings: SmootherFeedbackSettings.
     """
-    config, arm, own = check_arm(task), cast(HingeChain, task.mechanism), settings.smoother
+    config, arm, own = check_arm(task), cast(HingeChain | SpatialChain, task.mechanism), settings.smoother
     law = arm_law(config, own.start_sd_mm, own.limit_sd or math.inf, own.tension_sd, own.tension_share, own.robust)
     effort = ArmEffort(every=own.every, trusted_from=1 + settings.probe.length(config.action_scale_mm))
     return ArmSmoother(arm, ArmPrior.of(arm, arm_ranges(config)), law, effort, config.episode_steps + 1)

@@ -20,7 +20,7 @@ from agents.controllers.steps import tensions_within_margin
 from rj_gym.core.settings import Settings
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import HingeChain, RollingChain
+from rollingjoint import RollingChain
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import ArmSmoother, Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
@@ -229,10 +229,8 @@ def check_served(task: TrackingTask) -> TaskConfig:
     Friction that a task draws for the holes of its chain is not in the smoother's model: sheath friction stands for it.
     """
     config, mechanism, name = task.config, task.mechanism, "what the smoother knows"
-    if isinstance(mechanism, HingeChain):
-        return check_arm(task)
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm", f"That is {name}.")
+        return check_arm(task)
     if mechanism.has_friction or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
     if config.load.process == "step":
@@ -246,7 +244,7 @@ def check_served(task: TrackingTask) -> TaskConfig:
 
 def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother | ArmSmoother:
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
-    if isinstance(task.mechanism, HingeChain):
+    if not isinstance(task.mechanism, RollingChain):
         return arm_smoother_of(task, settings)
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing

@@ -1,4 +1,4 @@
-"""The hidden numbers of an arm in an episode: where each lies in a vector, and their distribution beforehand."""
+"""The hidden numbers of a chain in space in an episode: where each lies in a vector, and their distribution before."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_range
 from rollingjoint.errors import InvalidInput
 
@@ -59,7 +60,7 @@ class ArmRanges:
     Args:
         tilt: angles between gravity and the straight arm, uniform over that part of the sphere [rad].
         payload: weight at the tip [N]. offset_mm: errors of the commanded lengths [mm].
-        stiffness, hinge, weight: factors of the nominal stiffnesses of tendons and hinges and of the beads' weights.
+        stiffness, hinge, weight: factors of the nominal stiffnesses of tendons and joints and of the links' weights.
         play_mm: widths of the play [mm]. sheath_friction, hole_friction: coefficients. shared: whether the holes of all
             tendons have the same.
         gain: of the load cells. zero: what they show at no tension [N].
@@ -111,7 +112,7 @@ class ArmPrior:
     radius: float
 
     @classmethod
-    def of(cls, arm: HingeChain, ranges: ArmRanges) -> Self:
+    def of(cls, arm: HingeChain | SpatialChain, ranges: ArmRanges) -> Self:
         """The prior of an arm with numbers in these ranges."""
         m, n_joints = arm.n_tendons, arm.n_joints
         half_widths = 0.5 * ranges.play_mm[0], 0.5 * ranges.play_mm[1]

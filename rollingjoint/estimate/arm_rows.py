@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.chain.batch import begin_range, free_joints, step_range, stiffnesses, tip_rates
+from rollingjoint.chain.batch import begin_range, free_joints, pivots_of, step_range, stiffnesses, tip_rates
 from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.compiled import (
     MU,
     N_COEFFICIENTS,
@@ -38,7 +39,10 @@ from rollingjoint.transmission import play_contact, play_step, sheath_direction,
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+Arm = HingeChain | SpatialChain
+
 _LINK, _POINT, _FORCE = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("link", "px", "fx"))
+_OF_ALL = ("tendon_joints", "cells", "coefficients")  # fields of an arm's arrays that all designs share
 _NARROW = 1e-6  # mm: half the width of a play that is none
 _LOST = 100.0  # cost of a step without a usable equilibrium
 _YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
@@ -155,10 +159,11 @@ class FollowedArm:
     """An arm with a prior and a law, along whose rows histories are followed.
 
     Args:
-        arm: nominal, with exact tendons. prior: of the hidden numbers. law: of the measurements.
+        arm: nominal, an arm with exact tendons or a chain in space. prior: of the hidden numbers. law: of its
+            measurements.
     """
 
-    def __init__(self, arm: HingeChain, prior: ArmPrior, law: ArmLaw) -> None:
+    def __init__(self, arm: Arm, prior: ArmPrior, law: ArmLaw) -> None:
         self.arm, self.prior, self.law = arm, prior, law
         self._table = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))  # weights, and the payload in the last row
         self._table[:, _LINK] = [*range(1, arm.n_links), arm.n_joints]
@@ -286,9 +291,9 @@ class FollowedArm:
         sizes = np.concatenate([self._weights(rows), pays * rows.numbers[:, at.payload, None]], axis=1)
         tables[:, :, _FORCE : _FORCE + 3] = sizes[:, :, None] * self._gravity(rows)[:, None]
         springs = arm.arrays.springs * rows.numbers[:, at.hinges : at.weights]
-        shared = arm.arrays._asdict() | {"tendon_joints": None, "springs": None}
-        stack = {name: None if each is None else np.repeat(each, R, axis=0) for name, each in shared.items()}
-        chain = type(arm.arrays)(**(stack | {"tendon_joints": arm.arrays.tendon_joints, "springs": springs}))
+        stack = arm.arrays._asdict()
+        stack |= {name: np.repeat(each, R, axis=0) for name, each in stack.items() if name not in _OF_ALL}
+        chain = type(arm.arrays)(**(stack | {"springs": springs}))
         results = arm.kernels.new_results(R, arm.n_joints, arm.n_tendons)
         return arm.kernels.batch_arrays(chain, np.arange(R), laws, tables, starts.copy(), results)
 
@@ -374,12 +379,13 @@ class FollowedArm:
         R, J = len(rows.steps), arm.n_joints
         gravity, weights, payload = self._gravity(rows), self._weights(rows), pays * rows.numbers[:, at.payload]
         rotations, origins = poses[:, :, :3, :3], poses[:, :, :3, 3]
+        pivots = pivots_of(arm.kernels, solved.batch.results)
         axes = (rotations[:, :-1] @ arm.arrays.axes[0][:, :, None])[..., 0]
         centres = origins[:, 1:] + (rotations[:, 1:] @ arm.centres[:, :, None])[..., 0]
-        tip = origins[:, -1:] - origins[:, :-1]
+        tip = origins[:, -1:] - pivots
         beyond = weights[:, ::-1].cumsum(axis=1)[:, ::-1, None]
         moments = (weights[:, :, None] * centres)[:, ::-1].cumsum(axis=1)[:, ::-1]
-        moments = moments - beyond * origins[:, :-1] + payload[:, None, None] * tip
+        moments = moments - beyond * pivots + payload[:, None, None] * tip
         levers = np.cross(gravity[:, None], axes)  # torque about an axis of a force along gravity, per distance
         causes = np.zeros((R, J, at.total))
         x, y, z = gravity.T
@@ -387,10 +393,10 @@ class FollowedArm:
         for axis, across in enumerate((x, y)):
             causes[:, :, axis] = by_gravity[:, :, axis] - by_gravity[:, :, 2] * (across / z)[:, None]
         causes[:, :, at.payload] = pays * (levers * tip).sum(axis=2)
-        turned = levers @ np.swapaxes(centres, 1, 2) - (levers * origins[:, :-1]).sum(axis=2, keepdims=True)
+        turned = levers @ np.swapaxes(centres, 1, 2) - (levers * pivots).sum(axis=2, keepdims=True)
         causes[:, :, at.weights : at.total] = np.triu(turned) * arm.weights
         each, angles = np.arange(J), solved.batch.results.joint_angles
-        causes[:, each, at.hinges + each] = -arm.joint_stiffnesses * (angles - arm.neutral_angles)
+        causes[:, each, at.hinges + each] = -arm.arrays.springs[0] * (angles - arm.arrays.joints[0, :, 2])
         return causes
 
     def _gravity(self, rows: ArmRows) -> Array:

@@ -22,6 +22,22 @@ ARM, RIG = EnvConfig("rj_gym/ArmInstrument-v0"), EnvConfig("rj_gym/ArmInstrument
 SEEDS = range(4_000_000, 4_000_008)
 
 
+ROLLING = EnvConfig(
+    "rj_gym/PitchYaw-v0",
+    settings={
+        "action_scale_mm": 1.0,
+        "gravity": {"tilt": [0.0, 0.5]},
+        "target": {"loaded": True},
+        "friction": {},
+        "sensing": {"pose": "none", "tension_noise": 0.1},
+        "actuation": {"play_mm": [0.2, 1.0], "sheath_friction": [0.0, 0.3]},
+        "randomization": {"stiffness_spread": 0.2, "hinge_stiffness_spread": 0.1, "actuator_offset_mm": 0.2},
+        "observe_history": 1,
+    },
+)
+"""Rolling joints in space with the motors, sensors and friction of ArmInstrument."""
+
+
 def smoother(**changes: Any) -> SmootherFeedback:
     """The tuned controller with other settings of its smoother."""
     settings = tuned_controllers(ARM.id)["smoother"].settings  # type: ignore[attr-defined]
@@ -50,6 +66,12 @@ def test_limits_at_motors_are_met_with_cells_at_either_place(place: str) -> None
     controller = tuned_controllers(RIG.id)["smoother"]
     errors = run_episodes(EnvConfig(RIG.id, settings=settings), controller, SEEDS[:2]).last_errors
     assert np.isfinite(errors).all() and (controller.limits[1] < 5.0).all()  # type: ignore[attr-defined]
+
+
+def test_rolling_joints_in_space_are_found_as_well() -> None:
+    """Means of 8 episodes of an unseen tip: 0.51 mm, the filter 1.71."""
+    filtered = run_episodes(ROLLING, tuned_controllers(ARM.id)["probing filter"], SEEDS).last_errors.mean()
+    assert run_episodes(ROLLING, smoother(), SEEDS).last_errors.mean() < 0.5 * filtered
 
 
 def test_where_every_fit_counts_as_failed_the_filter_counts() -> None:

@@ -132,6 +132,7 @@ def test_without_the_last_actions_in_the_observation_it_remembers_its_own():
         ("rj_gym/ArmInstrument-v0", {"start": "random"}, "measured"),
         ("rj_gym/ArmInstrument-v1", {"sensing": {"pose": "tip"}}, "sensing.pose"),
         ("rj_gym/FlexibleArm-v0", {}, "friction"),
+        ("rj_gym/PitchYaw-v0", {}, "friction"),
     ],
 )
 def test_worlds_that_it_does_not_know_are_refused_in_one_line(env_id, settings, match):
