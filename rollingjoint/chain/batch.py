@@ -23,10 +23,16 @@ from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History, histories_of, new_friction_arrays
+from rollingjoint.kernels.friction import (
+    FrictionArrays,
+    FrictionLaw,
+    History,
+    histories_of,
+    new_friction_arrays,
+)
 from rollingjoint.kernels.lanes import PENDING
 from rollingjoint.kernels.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
-from rollingjoint.kernels.walled_solve import WallArrays, solve_among_walls
+from rollingjoint.kernels.walled_solve import WallArrays, solve_among_walls, step_among_walls
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
@@ -87,6 +93,12 @@ def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: in
 def range_among_walls(batch: Any, walls: WallArrays, first: int, last: int) -> None:
     """Solve rows first to last - 1 among walls, without friction; Python's lock is released meanwhile."""
     _on_batch(solve_among_walls, _kind(batch), WallArrays, _LEFT)(*batch, walls, np.arange(first, last))
+
+
+def step_range_among_walls(batch: Any, friction: FrictionArrays, walls: WallArrays, first: int, last: int) -> None:
+    """Solve the steps with friction of rows first to last - 1 among walls; Python's lock is released meanwhile."""
+    step = _on_batch(step_among_walls, _kind(batch), FrictionArrays, WallArrays, _LEFT)
+    step(*batch, friction, walls, np.arange(first, last))
 
 
 def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
@@ -162,13 +174,21 @@ def step_batch(
     starts: Array,
     before: FrictionState,
     friction: FrictionLaw | None = None,
+    walls: WallArrays | None = None,
 ) -> Any:
     """The equilibria of a batch of steps with friction; the first arguments as of `solve_batch`.
 
-    before: histories of all rows; friction: their coefficients, default the mechanisms'.
+    before: histories of all rows; friction: their coefficients, default the mechanisms'; walls: around the rows. Given
+    both, the walls are all that rubs.
     """
     arrays = _new_batch(kind, chain, designs, laws, tables, starts)
-    steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
+    law = friction or friction_laws(mechanism, len(starts))
+    steps = new_friction_arrays(law, History(*before))
+    if walls is not None:
+        work = partial(step_range_among_walls, arrays, steps, walls)
+        run_in_threads(work, len(starts), starts.shape[1], abandon=True)
+        step = FrictionStep.of(steps) if friction is None else None
+        return kind.equilibrium.of_results(mechanism, tables, arrays.results, step, WallStep.of(walls, True))
     work = partial(step_range, kind.kernels, arrays, steps)
     run_in_threads(work, len(starts), starts.shape[1], abandon=True)
     return kind.equilibrium.of_results(mechanism, tables, arrays.results, FrictionStep.of(steps))
@@ -190,7 +210,7 @@ def solve_one(
     inputs = type(mechanism), mechanism, mechanism.arrays, _FIRST, laws, table[None], start[None]
     if before is None:
         return solve_batch(*inputs, walls).row(0)
-    return step_batch(*inputs, FrictionState(*(array[None] for array in before))).row(0)
+    return step_batch(*inputs, FrictionState(*(array[None] for array in before)), walls=walls).row(0)
 
 
 def _new_batch(

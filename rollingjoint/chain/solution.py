@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import read_only
-from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, virgin_state
+from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, no_friction, virgin_state
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import STATUSES, Status, codes_of
 from rollingjoint.chain.wall_step import WallStep
@@ -21,7 +21,6 @@ from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.batch import stiffness_of
 from rollingjoint.kernels.friction import History
 from rollingjoint.kernels.rubbed import rubbed_stiffness_of
-from rollingjoint.kernels.walled_solve import walled_stiffness_of
 from rollingjoint.load import check_table
 from rollingjoint.tables import Column
 
@@ -276,7 +275,9 @@ class Solution(ABC):
     @property
     def torques_per_tension(self) -> Array:
         """(n - 1, m) d residual / d tension at the motor [mm]: without friction the rates of the lengths."""
-        return self.tendon_rates if self.friction is None else self._with_friction[1]
+        if self.friction is not None:
+            return self._with_friction[1] if self.walls is None else self._among_walls[1]
+        return self.tendon_rates
 
     @property
     def gap_tensions(self) -> Array:
@@ -313,9 +314,10 @@ class Solution(ABC):
 
         Slightly negative where holes give back energy that they stored before they slipped.
         """
+        work: float | Array = 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
         if self.friction is not None:
-            return self.friction.work
-        return 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
+            work = self.friction.work
+        return work if self.walls is None else work + self.walls.work
 
     @property
     def wall_forces(self) -> Array:
@@ -487,16 +489,22 @@ class Solution(ABC):
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     @cached_property
-    def _among_walls(self) -> tuple[Array, Array]:
-        """(n - 1, n - 1) d residual / d joint angle, (n - 1, 3) d residual / d motion of the base."""
+    def _among_walls(self) -> tuple[Array, Array, Array]:
+        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3)."""
         assert self.walls is not None
         valid = self._codes != int(Status.INVALID_INPUT)
         loads = self._rows(np.where(valid[..., None, None], self.loads, 0.0), axes=2)
-        angles = self._rows(self.joint_angles)
-        H, S = np.empty((*angles.shape, angles.shape[1])), np.empty((*angles.shape, 3))
+        angles, state = self._rows(self.joint_angles), None if self.friction is None else self.friction.state
+        law, history = no_friction(angles, self.tensions.shape[-1])
+        if state is not None:
+            law = friction_laws(self.mechanism, len(angles))
+            history = History(*(self._rows(array, axes=array.ndim - self._codes.ndim) for array in state))
+        H, torques = np.empty((*angles.shape, angles.shape[1])), np.empty((*angles.shape, self.tensions.shape[-1]))
+        S = np.empty((*angles.shape, 3))
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
-        walled_stiffness_of(*self._designs, *tendons, loads, angles, self.walls.arrays(angles.shape[1]), H, S)
-        return H.reshape(*self.joint_angles.shape, -1), S.reshape(*self.joint_angles.shape, 3)
+        self.walls.stiffness(self._designs, law, tendons, loads, angles, history, (H, torques, S))
+        shape = self.joint_angles.shape
+        return H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, 3)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

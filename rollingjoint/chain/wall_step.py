@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint._numba.jit import machine_code
+from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.chain.friction_step import check_shape
+from rollingjoint.kernels.friction import FrictionLaw, History
 from rollingjoint.kernels.walled_chain import Touched
-from rollingjoint.kernels.walled_solve import WallArrays, touch_again
+from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
 
 Array = NDArray[np.float64]
+
+_INTEGERS, _MATRIX, _CUBE = Annotated[Integers, "B"], Annotated[Floats, "B", "i"], Annotated[Floats, "B", "i", "k"]
+_LAW, _HISTORY = Annotated[FrictionLaw, "B"], Annotated[History, "B"]
 
 KINDS = ("plane", "lumen", "disc", "capsule")
 """Kinds of walls, by the numbers of `candidate_table`."""
@@ -119,9 +125,24 @@ class WallStep:
         """Every candidate at joint angles (..., n - 1), before any slip, and its place and normal, (B, C, 4)."""
         rows = angles.reshape(-1, angles.shape[-1]).copy()
         arrays = self.arrays(rows.shape[1])
-        places = np.zeros((*arrays.gaps.shape, _N_PLACE))
-        touch_again(*designs, rows, arrays, places)
-        return arrays, places
+        return arrays, touch(designs, rows, arrays)
+
+    def stiffness(
+        self,
+        designs: tuple[Any, NDArray[np.int64]],
+        law: FrictionLaw,
+        tendons: tuple[Array, Array],
+        loads: Array,
+        angles: Array,
+        history: History,
+        outputs: tuple[Array, Array, Array],
+    ) -> None:
+        """Fill the derivatives of kernels.walled_solve.walled_stiffness_of; tendons: tensions and their rates."""
+        chain, rows = designs
+        kinds = _LAW, _MATRIX, _MATRIX, _CUBE, _MATRIX, _HISTORY, float, WallArrays, _CUBE, _CUBE, _CUBE
+        fill = machine_code(walled_stiffness_of, type(chain), _INTEGERS, *kinds)
+        rubs, arrays = float(self.memory is not None), self.arrays(angles.shape[1])
+        fill(chain, rows, law, *tendons, loads, angles, history, rubs, arrays, *outputs)
 
     def contacts(self, designs: tuple[Any, NDArray[np.int64]], angles: Array) -> list[list[WallContact]]:
         """The candidates that press, of every row."""
@@ -153,6 +174,15 @@ class WallStep:
                 ]
             )
         return every
+
+
+def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArrays) -> Array:
+    """Evaluate every candidate at joint angles (B, n - 1), before any slip, into the arrays; places and normals."""
+    places = np.zeros((*arrays.gaps.shape, _N_PLACE))
+    chain, rows = designs
+    kinds = type(chain), _INTEGERS, _MATRIX, WallArrays, _CUBE
+    machine_code(touch_again, *kinds)(chain, rows, angles, arrays, places)
+    return places
 
 
 def n_candidates(walls: Walls) -> int:

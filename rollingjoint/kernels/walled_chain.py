@@ -65,6 +65,7 @@ class Touch(NamedTuple):
     states: Annotated[Floats, "C"]
     slips: Annotated[Floats, "C"]
     sides: Annotated[Floats, "C"]
+    works: Annotated[Floats, "C"]  # of friction in the step, per newton of normal force [mm]
     frozen: Annotated[Floats, "C"]  # normal force where the line search began
     multipliers: Annotated[Floats, "C"]  # normal force of rigid walls so far
     pieces: Annotated[Floats, "C"]  # of a lumen, near the point; -1: not yet known
@@ -214,7 +215,7 @@ def begin_touch(touch):
     """Forget the last solve."""
     for c in range(touch.gaps.size):
         touch.normals[c] = touch.frozen[c] = touch.multipliers[c] = 0.0
-        touch.states[c] = touch.slips[c] = touch.sides[c] = 0.0
+        touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
         touch.gaps[c], touch.pieces[c] = np.inf, -1.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
     touch.how[RUBS] = touch.how[PLACES] = 0.0
@@ -333,9 +334,8 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
             start = way[0]
         z = -slide(-state, way[0] - start, presliding)
         sticking = 1.0 / presliding if abs(z) < 1.0 else 0.0
-        if frozen > 0.0:
-            term = mu * frozen * work_per_grip(-state, -z, way[0] - start, presliding)
-            energy, magnitude = energy + term, magnitude + abs(term)
+        touch.works[c] = mu * work_per_grip(-state, -z, way[0] - start, presliding)
+        energy, magnitude = energy + frozen * touch.works[c], magnitude + abs(frozen * touch.works[c])
     touch.states[c] = z
     if touch.how[PLACES] > 0.0:
         size = np.sqrt(gap[1] * gap[1] + gap[2] * gap[2])
@@ -378,7 +378,7 @@ def _is_far(touch, c, room):
     """True where a candidate cannot press, by a lower bound of its gap, which is kept; there it is left out."""
     if room <= 0.0 or touch.multipliers[c] > 0.0 or touch.frozen[c] > 0.0:
         return False
-    touch.gaps[c], touch.normals[c], touch.states[c] = room, 0.0, 0.0
+    touch.gaps[c], touch.normals[c], touch.states[c], touch.works[c] = room, 0.0, 0.0, 0.0
     return True
 
 
@@ -633,7 +633,66 @@ def add_between_links(chain, loads, H):
     formulas.add_between_links(chain.chain, loads, H)
 
 
-register(Walled)
+@formula(formulas.fill_turns, Walled)
+def fill_turns(chain, state, turn):
+    """Fill the turns of the tendons."""
+    formulas.fill_turns(chain.chain, state, turn)
+
+
+@formula(formulas.fill_normals, Walled)
+def fill_normals(chain, state, rolling):
+    """Fill the normal force between links, with the share of the walls."""
+    formulas.fill_normals(chain.chain, state, rolling)
+
+
+@formula(formulas.fill_upper_generators, Walled)
+def fill_upper_generators(chain, state, U, Q):
+    """Fill the generators above the diagonal: friction at walls acts on every link, and its force is not symmetric."""
+    contact, sums = state.contact, chain.touch.sums
+    for i in range(U.shape[0]):
+        for a in range(U.shape[1]):
+            Q[i, a] = U[i, a]
+        lx, ly, lm = _from_the_left(sums, i, contact[i, 0], contact[i, 1])
+        rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1])
+        Q[i, 0] += rm - lm
+        Q[i, 1] += ly - ry
+        Q[i, 2] += rx - lx
+
+
+@formula(formulas.soften, Walled)
+def soften(chain, softness):
+    """Multiply the presliding at the walls."""
+    chain.touch.how[SOFTER] = softness
+
+
+@formula(formulas.is_among_walls, Walled)
+def is_among_walls(chain):
+    """True."""
+    return True
+
+
+@formula(formulas.renew, Walled)
+def renew(chain, state, energy, magnitude):
+    """(incremental potential, magnitude) with the normal forces of friction frozen at the present state."""
+    touch, change = chain.touch, 0.0
+    if touch.how[RUBS] > 0.0:
+        for c in range(touch.gaps.size):
+            if touch.normals[c] != touch.frozen[c]:
+                change += (touch.normals[c] - touch.frozen[c]) * touch.works[c]
+                touch.frozen[c] = touch.normals[c]
+    return energy + change, magnitude + abs(change)
+
+
+register(
+    Walled,
+    (
+        formulas.shorten,
+        formulas.renew,
+        formulas.soften,
+        formulas.is_among_walls,
+        formulas.fill_upper_generators,
+    ),
+)
 
 
 @part

@@ -11,13 +11,23 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels import formulas
-from rollingjoint.kernels.arrays import NO_ROOM, UNSTABLE, TendonLaw, all_resolvable
+from rollingjoint.kernels.arrays import INDETERMINATE, INVALID_INPUT, NO_ROOM, UNSTABLE, TendonLaw, all_resolvable
 from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
 from rollingjoint.kernels.bounds import mark_free
+from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
 from rollingjoint.kernels.linear import lu_step
-from rollingjoint.kernels.long_chain import DENSE_JOINTS, long_step, new_sweep
+from rollingjoint.kernels.rubbed_chain import (
+    StepFriction,
+    StepFrictionSizes,
+    remember,
+    rubbed,
+    rubbed_stiffness,
+    rubs_in_holes,
+)
 from rollingjoint.kernels.walled_chain import (
+    PENALTY,
     PLACES,
+    RUBS,
     STIFFER,
     ContactMemory,
     Touched,
@@ -32,11 +42,13 @@ from rollingjoint.kernels.walled_chain import (
 from rollingjoint.kernels.walls import Walls
 
 JUMP = 0.05  # rad, and thrice the tangent: motion of a joint that is a jump
+_MOST_JUDGED = 300  # joints; with more the tangent takes too long
 _MOST_UPDATES, _GAP_GOAL, _MOST_GAP = (
     60,
     1e-10,
     1e-6,
 )  # of the forces of rigid walls; mm: gap that is zero, that is no room
+_FIRM = 1e5  # times the penalty: derivatives as between rigid walls
 _SLOW, _MOST_STIFFER = 0.25, 1e6  # a gap that falls less in an update has the penalty multiplied by ten
 
 
@@ -101,11 +113,7 @@ def solve_between(chain, law, loads, start, state):
     status, count, worst, escapes = outcome
     before, angles = np.inf, np.empty(start.size)
     for outer in range(_MOST_UPDATES):
-        open_gap = 0.0
-        for c in range(touch.gaps.size):
-            touch.multipliers[c] = touch.normals[c]
-            if touch.normals[c] > 0.0:
-                open_gap = max(open_gap, abs(touch.gaps[c]))
+        open_gap = update_multipliers(touch)
         if open_gap <= _GAP_GOAL or (status >= UNSTABLE and outer > 3):
             break
         if open_gap > _SLOW * before and touch.how[STIFFER] < _MOST_STIFFER:
@@ -129,26 +137,55 @@ def has_jumped(chain, law, loads, start, state):
     for i in range(n):
         way[i] = abs(state.angle[i] - start[i])
         farthest = max(farthest, way[i])
-    if farthest <= JUMP:
+    if farthest <= JUMP or n > _MOST_JUDGED:
         return 0
     for i in range(n):
         state.angle[i] = min(max(start[i], chain.joints[i, 0]), chain.joints[i, 1])
     formulas.evaluate(chain, law, loads, state)
     free, step = np.ones(n, np.bool_), np.empty(n)
     mark_free(chain, state, 0.0, state.residual, free)
-    if n > DENSE_JOINTS:
-        sweep = new_sweep(n, formulas.generator_columns(chain, loads) + law.low.size)
-        formulas.fill_generators(chain, loads, state, 0.0, sweep)
-        long_step(sweep, free, state.residual, step)
-    else:
-        H = np.empty((n, n))
-        formulas.stiffness(chain, loads, state, H)
-        if not lu_step(H, free, state.residual, step):
-            return 1
+    H = np.empty((n, n))
+    formulas.stiffness(chain, loads, state, H)
+    if not lu_step(H, free, state.residual, step):
+        return 1
     for i in range(n):
         if way[i] > 3.0 * abs(step[i]) + JUMP:
             return 1
     return 0
+
+
+@part
+def step_between(chain, friction, history, law, loads, start, state, memory):
+    """solve_between, a step with friction from its history."""
+    touch = chain.touch
+    outcome = formulas.solve_step(chain, friction, history, law, loads, start, state, memory)
+    if chain.walls.rigid[0] <= 0.0:
+        return outcome
+    status, count, worst, escapes = outcome
+    before, angles = np.inf, np.empty(start.size)
+    for outer in range(_MOST_UPDATES):
+        open_gap = update_multipliers(touch)
+        if open_gap <= _GAP_GOAL or (status >= UNSTABLE and outer > 3):
+            break
+        if open_gap > _SLOW * before and touch.how[STIFFER] < _MOST_STIFFER:
+            touch.how[STIFFER] *= 10.0
+        before = open_gap
+        for i in range(angles.size):
+            angles[i] = state.angle[i]
+        status, more, worst, escapes = formulas.solve_step(chain, friction, history, law, loads, angles, state, memory)
+        count += more
+    return NO_ROOM if open_gap > _MOST_GAP else status, count, worst, escapes
+
+
+@part
+def update_multipliers(touch):
+    """Keep the present normal forces of rigid walls as their multipliers; returns the largest gap that presses."""
+    open_gap = 0.0
+    for c in range(touch.gaps.size):
+        touch.multipliers[c] = touch.normals[c]
+        if touch.normals[c] > 0.0:
+            open_gap = max(open_gap, abs(touch.gaps[c]))
+    return open_gap
 
 
 @part
@@ -171,6 +208,81 @@ def store_walls(touch, state, walls, lane):
         walls.after.states[lane, c] = touch.states[c]
     link_forces(touch, state, walls.forces[lane])
     walls.work[lane] = 0.0
+
+
+@kernel(nogil=True, lapack=True, short_loops=True, title="the solver with friction among walls")
+def step_among_walls(chain, designs, laws, loads, starts, results, friction, walls, lanes):
+    """Solve the steps with friction of the given lanes; all inputs but the stacks carry a leading lane axis."""
+    sizes = contact_sizes(walls.walls, starts.shape[1])
+    rubbing = StepFrictionSizes(sizes.J, laws.command.shape[1])
+    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    state = formulas.new_state(chain, rubbing.J, rubbing.m)
+    where = friction, walls, lanes, state, contacts, sizes, memory, rubbing
+    _step_each(chain, designs, laws, loads, starts, results, *where)
+
+
+@part
+def _step_each(
+    chain, designs, laws, loads, starts, results, friction, walls, lanes, state, contacts, sizes, space, rubbing
+):
+    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), borrow(state), borrow(walls)
+    designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
+    place, friction = carve_tuple(borrow(contacts), 0, ContactMemory, sizes), borrow(friction)
+    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
+    for number in range(lanes.size):
+        lane = lanes[number]
+        mechanism = formulas.design(chain, designs[lane])
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        coefficients, before = friction_of(friction.law, lane), history_of(friction.before, lane)
+        touched = touched_of(walls.before, lane)
+        solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
+        solvable = solvable and all_resolvable(walls.bases[lane]) and valid_friction(coefficients, before)
+        solvable = solvable and all_resolvable(touched.slips)
+        begin_place(walls, lane, solvable, place)
+        among, status = walled(mechanism, place, touched), INVALID_INPUT
+        if solvable:
+            place.touch.how[RUBS] = 1.0
+            outcome = step_between(among, coefficients, before, law, loads[lane], starts[lane], state, memory)
+            status = outcome[0]
+        else:
+            outcome = solve_invalid(mechanism, starts[lane], state)
+        formulas.store(mechanism, state, outcome, results, lane)
+        friction.work[lane] = remember(among, before, memory, status, state, history_of(friction.after, lane))
+        holds = solvable and rubs_in_holes(among, coefficients)
+        for i in range(state.angle.size):
+            for j in range(state.tension.size):
+                friction.tension[lane, i, j] = memory.now.tension[i, j] if holds else state.tension[j]
+        if holds:
+            formulas.store_friction(mechanism, state, memory, results, lane)
+        store_walls(place.touch, state, walls, lane)
+        walls.work[lane] = remember_walls(among, status, state, walls, lane)
+        if solvable:
+            columns = formulas.generator_columns(among, loads[lane]) + law.low.size
+            rubbing_chain = rubbed(among, before, memory, 0, columns, False)
+            walls.jumped[lane] = has_jumped(rubbing_chain, law, loads[lane], starts[lane], state)
+
+
+@part
+def remember_walls(chain, status, state, walls, lane):
+    """Fill the memory of contacts after a step; returns the work of friction at the walls in it [N·mm].
+
+    Where the pose is indeterminate friction states stay as they were; without an equilibrium the whole memory stays.
+    """
+    touch, before, after, work = chain.touch, chain.before, touched_of(walls.after, lane), 0.0
+    if status <= INDETERMINATE:
+        touch_walls(chain, state, True)
+    for c in range(touch.gaps.size):
+        presses = touch.normals[c] > 0.0
+        if status > INDETERMINATE:
+            after.states[c], after.slips[c] = before.states[c], before.slips[c]
+            after.sides[c], after.normals[c] = before.sides[c], before.normals[c]
+            continue
+        after.slips[c], after.normals[c] = touch.slips[c], touch.normals[c]
+        after.sides[c] = touch.sides[c] if presses else 0.0
+        after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
+        if status < INDETERMINATE:
+            work += 0.5 * (touch.normals[c] + before.normals[c]) * touch.works[c]
+    return work
 
 
 @kernel(short_loops=True, title="the contact with walls")
@@ -212,32 +324,57 @@ def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
 
 
 @kernel(short_loops=True, title="the stiffness among walls")
-def walled_stiffness_of(chain, designs, tensions, elastic, loads, angles, walls, H, S):
-    """Fill H, (B, J, J), at joint angles under tensions and their rates, among walls without friction.
+def walled_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, rubs, walls, A, torques, S):
+    """Fill A, (B, J, J), and d residual / d tension, (B, J, m), as after steps that left these histories and memories.
 
+    law: of the friction in the chain. rubs: 1 after steps with friction at the walls, else 0.
     S (B, J, 3): d residual / d velocity of the base in its own frame: x, y, turn about its origin.
     """
     sizes = contact_sizes(walls.walls, angles.shape[1])
-    memory, state = np.zeros(size_of(ContactMemory, sizes)), formulas.new_state(chain, sizes.J, tensions.shape[1])
-    _stiffness_each(chain, designs, tensions, elastic, loads, angles, walls, H, S, state, memory, sizes)
+    rubbing = StepFrictionSizes(sizes.J, tensions.shape[1])
+    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    state = formulas.new_state(chain, rubbing.J, rubbing.m)
+    where = history, rubs, walls, A, torques, S, state, contacts, sizes, memory, rubbing
+    _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, *where)
 
 
 @part
-def _stiffness_each(chain, designs, tensions, elastic, loads, angles, walls, H, S, state, space, sizes):
-    chain, state, walls, angles, H, S = (
-        borrow(chain),
-        borrow(state),
-        borrow(walls),
-        borrow(angles),
-        borrow(H),
-        borrow(S),
-    )
+def _stiffness_each(
+    chain,
+    designs,
+    law,
+    tensions,
+    elastic,
+    loads,
+    angles,
+    history,
+    rubs,
+    walls,
+    A,
+    torques,
+    S,
+    state,
+    contacts,
+    sizes,
+    space,
+    rubbing,
+):
+    chain, law, history, state, walls = borrow(chain), borrow(law), borrow(history), borrow(state), borrow(walls)
     designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
-    place = carve_tuple(borrow(space), 0, ContactMemory, sizes)
+    angles, A, torques, S = borrow(angles), borrow(A), borrow(torques), borrow(S)
+    place = carve_tuple(borrow(contacts), 0, ContactMemory, sizes)
+    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
     for lane in range(angles.shape[0]):
-        mechanism = formulas.design(chain, designs[lane])
+        mechanism, past = formulas.design(chain, designs[lane]), history_of(history, lane)
         begin_place(walls, lane, True, place)
+        place.touch.how[RUBS] = rubs
         among = walled(mechanism, place, touched_of(walls.before, lane))
+        if place.seen.rigid[0] > 0.0:
+            place.touch.how[STIFFER] = _FIRM
+            evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
+            for c in range(place.touch.gaps.size):
+                if place.touch.multipliers[c] > 0.0:  # the force stays as it is, whatever the gap's rounding
+                    place.touch.multipliers[c] += PENALTY * _FIRM * place.touch.gaps[c]
         evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
-        formulas.stiffness(among, loads[lane], state, H[lane])
+        rubbed_stiffness(among, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
         base_stiffness(among, state, S[lane])

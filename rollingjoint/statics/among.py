@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import planar
-from rollingjoint.chain.wall_step import new_wall_arrays
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.wall_step import new_wall_arrays, touch
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.walled_solve import WallArrays
-from rollingjoint.kernels.walls import Walls
+from rollingjoint.kernels.walls import MU, N_LAW, Walls
 from rollingjoint.surroundings import Surroundings
 
 Array = NDArray[np.float64]
@@ -35,13 +37,7 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
     return surroundings.arrays(chain)
 
 
-def walls_around(mechanism: AnyChain, surroundings: Around, base: ArrayLike) -> WallArrays:
-    """The walls around one mechanism, whose base is at a pose in the world, with room for results."""
-    pose = _bases(base, None)
-    return new_wall_arrays(walls_of(surroundings, mechanism), np.zeros(1, np.int64), pose, mechanism.n_joints)
-
-
-def walls_around_rows(
+def walls_around(
     mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
 ) -> WallArrays:
     """The walls around every row of a batch; surroundings: of all rows, or a list with those of each."""
@@ -63,6 +59,28 @@ def walls_around_rows(
             break
     first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
     return new_wall_arrays(stacked_walls(different), which, _bases(base, rows), first.n_joints)
+
+
+def has_wall_friction(walls: Walls) -> bool:
+    """True if any wall rubs."""
+    laws = walls.planes, walls.discs, walls.capsules, walls.lumens
+    return any(bool((law[..., MU - N_LAW] > 0.0).any()) for law in laws)
+
+
+def fill_memory(walls: WallArrays, designs: tuple[Any, NDArray[np.int64]], history: Any) -> None:
+    """Fill the memory of contacts before a step: that of its history; before any slip, where the history has none."""
+    rows, step = len(walls.which), getattr(history, "walls", None)
+    memory = None if step is None else step.memory
+    if memory is not None and np.shape(memory.states)[-1:] == walls.gaps.shape[1:]:
+        for values, before in zip(walls.before, memory, strict=True):
+            values[:] = before
+        return
+    angles = history.joint_angles if isinstance(history, Solution) else np.asarray(history.angles)
+    bases = walls.bases if step is None else np.broadcast_to(step.base, (rows, 3)).copy()
+    at = new_wall_arrays(walls.walls, walls.which, bases, angles.shape[-1])
+    touch(designs, np.ascontiguousarray(np.broadcast_to(angles, (rows, angles.shape[-1]))), at)
+    for values, before in zip(walls.before, at.after, strict=True):
+        values[:] = before
 
 
 def stacked_walls(every: Sequence[Walls]) -> Walls:

@@ -14,7 +14,7 @@ from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
-from rollingjoint.statics.among import ORIGIN, Around, walls_around
+from rollingjoint.statics.among import ORIGIN, Around
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.inputs import History, Start, angles_of, broadcast_limits, checked_history, tension_limits_of
 from rollingjoint.statics.least_squares import solve_least_squares
@@ -180,8 +180,9 @@ def _solve_one(
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     angles = angles_of(mechanism, start, history)
     if surroundings is not None:
-        walls = walls_around(mechanism, surroundings, base)
-        return solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), None, walls)
+        batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
+        laws = TendonLaw(*(values[None] for values in full_law(law, mechanism.n_tendons)))
+        return batch.solve_among(laws, table[None], angles[None].copy(), history, surroundings, base).row(0)
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)
