@@ -57,9 +57,7 @@ def draw_surroundings(ax: Axes, equilibria: Sequence[Equilibrium], outline: bool
             drawn.append((id(step.walls), int(step.which)))
             _draw_walls(ax, step, places)
         for link, shape in outline_shapes(step) if outline else ():
-            ax.plot(
-                *to_world(eq.poses[link], shape).T, color=SKIN_COLOR, linewidth=0.7, alpha=0.7, zorder=ORDER["link"]
-            )
+            ax.plot(*to_world(eq.poses[link], shape).T, **_SKIN)
 
 
 def draw_pressed(
