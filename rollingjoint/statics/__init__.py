@@ -1,6 +1,7 @@
 """Equilibria of any mechanism: solvers and derivatives.
 
 Modules:
+    among: checked surroundings.
     batch: checked inputs of many solves, and their solution.
     inputs: checked inputs: starts and histories, limits of tensions.
     least_squares: tendon lengths in the least-squares sense.
