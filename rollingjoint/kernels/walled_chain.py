@@ -30,7 +30,7 @@ from rollingjoint.kernels.gaps import (
 from rollingjoint.kernels.planar_loads import fill_generators_of_loads, placed
 from rollingjoint.kernels.rolling import FX, FY, THETA, TURN, X_DOT_F, C, S, X, Y
 from rollingjoint.kernels.torsion_springs import torsion_columns
-from rollingjoint.kernels.walls import MU, N_LAW, PRESLIDING, STIFFNESS, TOE
+from rollingjoint.kernels.walls import MU, N_LAW, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
 
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
 LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
@@ -77,7 +77,7 @@ class Touch(NamedTuple):
 class Seen(NamedTuple):
     """Walls as seen from the base, and the outline."""
 
-    points: Annotated[Floats, "points", 4]
+    points: Annotated[Floats, "points", 5]
     bars: Annotated[Floats, "bars", 6]
     planes: Annotated[Floats, "planes", 4 + N_LAW]  # as Walls.planes, and the place of the base along it before the law
     discs: Annotated[Floats, "discs", 3 + N_LAW]
@@ -143,7 +143,7 @@ def see(walls, which, base, seen):
     cos, sin = np.cos(base[2]), np.sin(base[2])
     seen.angle[0], seen.rigid[0] = base[2], walls.rigid[which]
     for q in range(seen.points.shape[0]):
-        for column in range(4):
+        for column in range(seen.points.shape[1]):
             seen.points[q, column] = walls.points[which, q, column]
     for q in range(seen.bars.shape[0]):
         for column in range(6):
@@ -309,6 +309,13 @@ def _law(row, first):
     return row[first + STIFFNESS], row[first + TOE], row[first + MU], row[first + PRESLIDING]
 
 
+@part(inline=True)
+def _law_at(row, first, point):
+    """The law of a wall for a point of an outline, which stands for a length of it."""
+    stiffness, toe, mu, presliding = _law(row, first)
+    return stiffness * (point[4] if row[first + PER_LENGTH] > 0.0 else 1.0), toe, mu, presliding
+
+
 @part
 def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
     """Add one candidate to the sums of its link; returns (energy, magnitude).
@@ -416,7 +423,7 @@ def _touch_points(chain, state, all_gaps):
             if plane[4 + STIFFNESS] > 0.0 and link > 0 and (all_gaps or not _is_far(touch, c, value)):
                 gap = value, nx, ny, 0.0, 0.0, 0.0
                 way = ny * x - nx * y + plane[3] + rolled, ny, -nx, 0.0, 0.0, 0.0
-                term, size = _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law(plane, 4))
+                term, size = _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law_at(plane, 4, point))
                 energy, magnitude = energy + term, magnitude + size
             c += 1
         for w in range(lumens):
@@ -432,7 +439,7 @@ def _touch_points(chain, state, all_gaps):
                     gap, way, side = _lumen_fields(seen, w, i, x, y, radius)
                     gap = gap[0] - radius, gap[1], gap[2], gap[3], gap[4], gap[5]
                     way = way[0] + rolled, way[1], way[2], way[3], way[4], way[5]
-                    term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law(lumen, 2))
+                    term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
                     energy, magnitude = energy + term, magnitude + size
             c += 1
     return energy, magnitude, c
