@@ -44,8 +44,8 @@ N_SUMS = _S + 9
 _START, _START_TANGENT, _END, _END_TANGENT = range(0, 8, 2)
 _CURVATURE, _LENGTH, _ARC, _RADIUS, _SLOPE, _MEAN, _TURNED, _TURNED_MEAN, N_PIECE = range(8, 17)
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
-# presliding; whether places are wanted
-RUBS, STIFFER, SOFTER, PLACES, N_HOW = range(5)
+# presliding; whether places are wanted; steps of Newton's method so far
+RUBS, STIFFER, SOFTER, PLACES, STEPS, N_HOW = range(6)
 
 
 class Touched(NamedTuple):
@@ -71,6 +71,7 @@ class Touch(NamedTuple):
     pieces: Annotated[Floats, "C"]  # of a lumen, near the point; -1: not yet known
     places: Annotated[Floats, "C", 4]  # contact point on the wall, and the normal there to the link: if wanted
     sums: Annotated[Floats, "J", N_SUMS]
+    tangent: Annotated[Floats, "J"]  # the first step of Newton's method [rad]
     how: Annotated[Floats, N_HOW]
 
 
@@ -218,7 +219,9 @@ def begin_touch(touch):
         touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
         touch.gaps[c], touch.pieces[c] = np.inf, -1.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
-    touch.how[RUBS] = touch.how[PLACES] = 0.0
+    touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = 0.0
+    for i in range(touch.tangent.size):
+        touch.tangent[i] = 0.0
 
 
 @part
@@ -601,8 +604,11 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 
 @formula(formulas.shorten, Walled)
 def shorten(chain, state, step):
-    """Shorten a step that would move the origin of a link too far."""
-    n, contact, pose = step.size, state.contact, state.pose
+    """Shorten a step that would move the origin of a link too far; keep the first one as it is."""
+    n, contact, pose, touch = step.size, state.contact, state.pose, chain.touch
+    for i in range(n if touch.how[STEPS] == 0.0 else 0):
+        touch.tangent[i] = step[i]
+    touch.how[STEPS] += 1.0
     turn, x, y, farthest = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         turn += step[i]
