@@ -113,11 +113,10 @@ def _export(args: argparse.Namespace) -> int:
         raise InvalidInput("--out", None, "a folder for manufacturing files; or --mjcf FILE.xml")
     files: list[Path] = []
     if args.out is not None:
-        chain = command.manufactured(mechanism, args.mechanism)
-        solution = equilibrium(args, chain) if actuated(args) else None
+        solution = equilibrium(args, mechanism) if actuated(args) else None
         if solution is not None and not solution.ok:
             return _unusable(args, solution)
-        files = command.export_files(solution or chain, args)
+        files = command.export_files(solution or mechanism, args)
     if model is not None:
         model.write()
         print(model.line)

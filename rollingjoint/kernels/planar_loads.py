@@ -83,10 +83,10 @@ def has_potential(standing, loads):
     return True
 
 
-@part
-def generator_columns(standing, loads):
+@formula(formulas.generator_columns, Chain)
+def generator_columns(chain, loads):
     """Number of columns of a Sweep for the loads: one, two for springs, one for each torsion spring over two joints."""
-    return (3 if _has_springs(standing, loads) else 1) + torsion_columns(standing, loads, True)
+    return (3 if _has_springs(chain.standing, loads) else 1) + torsion_columns(chain.standing, loads, True)
 
 
 @part(inline=True)
@@ -177,8 +177,13 @@ def add_between_links(chain, loads, H):
 @formula(formulas.fill_load_generators, Chain)
 def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep with the terms of loads and moving contacts."""
+    fill_generators_of_loads(chain, loads, state, prox, _has_springs(chain.standing, loads), sweep)
+
+
+@part
+def fill_generators_of_loads(chain, loads, state, prox, springs, sweep):
+    """fill_load_generators; springs: whether there are the columns of springs."""
     standing, sums, contact = chain.standing, state.sums, state.contact
-    springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
         cx, cy = contact[i, 0], contact[i, 1]
         lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
