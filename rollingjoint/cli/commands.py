@@ -18,6 +18,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.checks import suggestion
 from rollingjoint.cli import loop_command, mjcf, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
@@ -64,6 +65,9 @@ def _run(argv: Sequence[str]) -> int:
         others = extensions()
         if argv and argv[0] in others:
             return run_extension(others[argv[0]], argv[1:])
+        if argv and not argv[0].startswith("-"):
+            known = sorted({*commands, *others})
+            raise InvalidInput("command", argv[0], ", ".join(known), suggestion(argv[0], known))
         parser.epilog = listed({name: entry for name, entry in others.items() if name not in commands})
     args = parser.parse_args(_with_negative_numbers(argv))
     code: int = args.run(args)
