@@ -22,11 +22,10 @@ def check_arm(task: TrackingTask) -> FlexibleArmConfig:
         raise InvalidInput("load.process", config.load.process, "'constant'", hint)
     if config.gravity.tilt[1] > LARGEST_TILT:
         raise InvalidInput("gravity.tilt", config.gravity.tilt, f"angles up to {LARGEST_TILT:g} rad", hint)
-    if config.start != "equal" or config.actuation.limit_at != "tendon":
-        raise InvalidInput("start", config.start, "'equal', with limits of tension at the tendons", hint)
-    cells = config.sensing.tension_at, config.sensing.tension_gain_error, config.sensing.tension_offset
-    if config.sensing.pose != "none" or cells != ("motor", 0.0, 0.0):
-        raise InvalidInput("sensing", config.sensing, "no pose, and load cells at the motors without errors", hint)
+    if config.start == "random":
+        raise InvalidInput("start", config.start, "'equal' or 'measured'", hint)
+    if config.sensing.pose != "none":
+        raise InvalidInput("sensing.pose", config.sensing.pose, "'none'", hint)
     if not config.observe_tensions:
         raise InvalidInput("observe_tensions", False, "True", "The smoother needs measured tensions.")
     return config
@@ -34,7 +33,7 @@ def check_arm(task: TrackingTask) -> FlexibleArmConfig:
 
 def arm_ranges(config: FlexibleArmConfig) -> ArmRanges:
     """The ranges of the hidden numbers of an arm's task that has friction."""
-    random, actuation, friction = config.randomization, config.actuation, config.friction
+    random, actuation, friction, sensing = config.randomization, config.actuation, config.friction, config.sensing
     mu = (0.0, 0.0) if friction is None else friction.mu
     low, high = mu if isinstance(mu, tuple) else (mu, mu)
 
@@ -51,7 +50,34 @@ def arm_ranges(config: FlexibleArmConfig) -> ArmRanges:
         play_mm=actuation.play_mm,
         sheath_friction=actuation.sheath_friction,
         hole_friction=(low, high),
+        gain=factors(sensing.tension_gain_error),
+        zero=(-sensing.tension_offset, sensing.tension_offset),
         shared=friction is None or friction.shared,
+    )
+
+
+def arm_law(
+    config: FlexibleArmConfig,
+    start_sd: float,
+    limit_sd: float,
+    tension_sd: float,
+    tension_share: float = 0.0,
+    robust: float = math.inf,
+) -> ArmLaw:
+    """The law of the measurements in an arm's task that has friction, with these errors."""
+    assert config.friction is not None
+    return ArmLaw(
+        start_tension=config.start_tension,
+        start_sd=start_sd,
+        low=config.yield_tensions[0],
+        high=config.yield_tensions[1],
+        limit_sd=limit_sd,
+        tension_sd=tension_sd,
+        tension_share=tension_share,
+        robust=robust,
+        presliding=config.friction.presliding,
+        cells_at_tendons=config.sensing.tension_at == "tendon",
+        measured=config.start == "measured",
     )
 
 
@@ -61,17 +87,6 @@ def arm_smoother_of(task: TrackingTask, settings: Any) -> ArmSmoother:
     settings: SmootherFeedbackSettings.
     """
     config, arm, own = check_arm(task), cast(HingeChain | SpatialChain, task.mechanism), settings.smoother
-    assert config.friction is not None
-    law = ArmLaw(
-        start_tension=config.start_tension,
-        start_sd=own.start_sd_mm,
-        low=config.tension_range[0],
-        high=config.tension_range[1],
-        limit_sd=own.limit_sd or math.inf,
-        tension_sd=own.tension_sd,
-        tension_share=own.tension_share,
-        robust=own.robust,
-        presliding=config.friction.presliding,
-    )
+    law = arm_law(config, own.start_sd_mm, own.limit_sd or math.inf, own.tension_sd, own.tension_share, own.robust)
     effort = ArmEffort(every=own.every, trusted_from=1 + settings.probe.length(config.action_scale_mm))
     return ArmSmoother(arm, ArmPrior.of(arm, arm_ranges(config)), law, effort, config.episode_steps + 1)

@@ -46,6 +46,7 @@ _OF_ALL = ("tendon_joints", "cells", "coefficients")  # fields of an arm's array
 _NARROW = 1e-6  # mm: half the width of a play that is none
 _LOST = 100.0  # cost of a step without a usable equilibrium
 _YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
+_LEAST_TENSION = 1e-3  # N: motors that are set by load cells hold at least that
 _LARGEST_TENSION = 1e4  # N: motors stand where they were measured, whatever the tension
 
 
@@ -53,9 +54,12 @@ class ArmLaw(NamedTuple):
     """The limits of tension of an arm, its start, and the errors of its measurements.
 
     start_tension: of all tendons before the payload acts [N]. start_sd: of the lengths that follow from it [mm].
-    low, high: tensions at which motors take their tendons along [N]. limit_sd: of these; inf: they are not used [N].
+    low, high: tensions at which motors take their tendons along; inf: not known [N]. limit_sd: of these; inf: they are
+    not used [N].
     tension_sd: of a measured tension [N]. tension_share: the same in proportion to it. robust: standard deviations
     beyond which a residual counts linearly. presliding: of the holes [mm].
+    cells_at_tendons: whether load cells are behind the sheath. measured: whether it is load cells that show the start
+    tension, of motors with their offsets.
     """
 
     start_tension: float
@@ -67,6 +71,8 @@ class ArmLaw(NamedTuple):
     tension_share: float
     robust: float
     presliding: float
+    cells_at_tendons: bool = False
+    measured: bool = False
 
 
 @dataclass
@@ -206,25 +212,58 @@ class FollowedArm:
             How far lengths at the start tension are from where tendons are, (R, m) [mm], and the derivatives by
             the hidden numbers of the tendons' places less the lengths, (R, m, K).
         """
-        prior, at, law, m = self.prior, self.prior.layout, self.law, self.arm.n_tendons
+        prior, at, law, each = self.prior, self.prior.layout, self.law, np.arange(self.arm.n_tendons)
         off = np.divide(prior.means - rows.numbers, prior.sds, out=np.zeros_like(rows.numbers), where=prior.sds > 0.0)
         rows.information[:], rows.slope[:] = np.eye(at.total), off
         rows.cost[:], rows.misfit[:] = 0.5 * (off**2).sum(axis=1), 0.0
-        half, places = rows.numbers[:, at.half_widths : at.frictions], rows.numbers[:, at.places : at.holes]
+        half, places = rows.numbers[:, at.half_widths : at.frictions], rows.numbers[:, at.places : at.gains]
         rows.played[:], rows.by_width[:], rows.by_place[:] = motors - 2.0 * places * half, -2.0 * places, -2.0 * half
-        solved = self._start(rows)
-        tendons, motors_by = self._tendons(rows, solved), np.zeros_like(rows.tensions_by)
-        turns = self._turns(rows, solved, self._load_causes(rows, solved, 0.0))
-        lengths_by = np.empty_like(motors_by)
+        tensions, tensions_by = self._start_tensions(rows, motors)
+        solved = self._start(rows, tensions)
+        tendons, causes = self._tendons(rows, solved), self._load_causes(rows, solved, 0.0)
+        add_tendon_causes(tendons, tensions_by, rows.states_by, at.holes, at.hinges - at.holes == 1, causes)
+        turns, lengths_by = self._turns(rows, solved, causes), np.empty_like(tensions_by)
         pass_on(tendons, turns, law.presliding, True, rows.states_by, lengths_by)
         stiffnesses_now = self._stiffnesses(rows)
-        columns, each = -lengths_by, np.arange(m)
+        columns = tensions_by / stiffnesses_now[:, :, None] - lengths_by
         columns[:, each, at.half_widths + each] += rows.by_width
         columns[:, each, at.places + each] += rows.by_place
         factors = rows.numbers[:, at.stiffnesses : at.half_widths]
-        columns[:, each, at.stiffnesses + each] -= law.start_tension / (stiffnesses_now * factors)
-        away = solved.batch.results.lengths - law.start_tension / stiffnesses_now - rows.played
+        columns[:, each, at.stiffnesses + each] -= tensions / (stiffnesses_now * factors)
+        away = solved.batch.results.lengths - tensions / stiffnesses_now - rows.played
+        if law.measured:
+            away -= rows.numbers[:, at.offsets : at.stiffnesses]
+            columns[:, each, at.offsets + each] += 1.0
         return away, columns
+
+    def _start_tensions(self, rows: ArmRows, motors: Array) -> tuple[Array, Array]:
+        """Tensions before the payload acts, (R, m) [N], and their derivatives by the hidden numbers, (R, m, K)."""
+        at, law, each = self.prior.layout, self.law, np.arange(self.arm.n_tendons)
+        tensions, tensions_by = np.full_like(rows.played, law.start_tension), np.zeros_like(rows.tensions_by)
+        if not law.measured:
+            return tensions, tensions_by
+        gain, zero = self.prior.cells(rows.numbers)
+        tensions = (tensions - zero) / gain
+        share = np.ones_like(tensions)
+        if not law.cells_at_tendons:
+            half, friction = self._sheaths(rows)
+            place = sheath_direction(rows.played, motors, half)
+            share = 1.0 / sheath_ratio(friction, place)
+            tensions = share * tensions
+            tensions_by[:, each, at.frictions + each] = -tensions * place
+            inside = (half > 0.0) & (np.abs(place) < 1.0)
+            tensions_by[:, each, at.places + each] = np.where(inside, 2.0 * friction * tensions, 0.0)
+        if at.gains < at.zeros:
+            tensions_by[:, each, at.gains + each] = -tensions / gain
+            tensions_by[:, each, at.zeros + each] = -share / gain
+        held = tensions > max(law.low, _LEAST_TENSION)
+        return np.where(held, tensions, max(law.low, _LEAST_TENSION)), np.where(held[:, :, None], tensions_by, 0.0)
+
+    def _sheaths(self, rows: ArmRows) -> tuple[Array, Array]:
+        """Half widths of the play, 0 where there is none, and coefficients of friction, (R, m) each."""
+        at = self.prior.layout
+        half = rows.numbers[:, at.half_widths : at.frictions]
+        return np.where(half > _NARROW, half, 0.0), rows.numbers[:, at.frictions : at.places]
 
     def _take_start(self, rows: ArmRows, away: Array, columns: Array) -> None:
         """Take in that tendons begin at the start tension, but those which are at a limit as soon as they are held."""
@@ -267,11 +306,10 @@ class FollowedArm:
         history = History(rows.states, rows.slips, rows.grips, rows.angles.copy(), np.zeros((R, n_joints)))
         return new_friction_arrays(FrictionLaw(coefficients, rolling), history)
 
-    def _start(self, rows: ArmRows) -> _ArmEquilibria:
-        """Equilibria at the start tension without payload and friction; begins the history of the holes."""
-        R, J, m, law = len(rows.steps), self.arm.n_joints, self.arm.n_tendons, self.law
-        held = np.full((R, m), law.start_tension)
-        laws = TendonLaw(np.zeros((R, m)), np.ones((R, m)), held, held.copy())
+    def _start(self, rows: ArmRows, tensions: Array) -> _ArmEquilibria:
+        """Equilibria at tensions (R, m) without payload and friction; begins the history of the holes."""
+        R, J = len(rows.steps), self.arm.n_joints
+        laws = TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions.copy())
         batch = self._batch(rows, laws, np.tile(self.arm.neutral_angles, (R, 1)), 0.0)
         run_in_threads(PinnedRange(self.arm.kernels, batch), R, J)
         rows.angles[:] = batch.starts[:] = batch.results.joint_angles
@@ -299,7 +337,8 @@ class FollowedArm:
 
     def _tendons(self, rows: ArmRows, solved: _ArmEquilibria) -> RubbedTendons:
         at, results = self.prior.layout, solved.batch.results
-        gap_tensions = np.zeros_like(rows.states) if solved.friction is None else solved.friction.tension
+        alike = np.repeat(results.tensions[:, None], self.arm.n_joints, axis=1)
+        gap_tensions = alike if solved.friction is None else solved.friction.tension
         mu = rows.numbers[:, at.holes : at.hinges] * np.ones((1, self.arm.n_tendons))
         crossed = np.array(self.arm.last_links, np.int64)
         tensions = results.tensions, gap_tensions
@@ -373,19 +412,21 @@ class FollowedArm:
     def _take_tensions(self, rows: ArmRows, motors: Array, shifts: Array, measured: Array) -> None:
         """Take the measured tensions of a step in, and that a motor which gives way is at its limit."""
         at, law, each = self.prior.layout, self.law, np.arange(self.arm.n_tendons)
-        half, friction = (
-            rows.numbers[:, at.half_widths : at.frictions],
-            rows.numbers[:, at.frictions : at.places],
-        )
-        place = sheath_direction(rows.played, motors, np.where(half > _NARROW, half, 0.0))
-        ratio = sheath_ratio(friction, place)
-        expected = ratio * rows.tensions
+        half, friction = self._sheaths(rows)
+        gain, zero = self.prior.cells(rows.numbers)
+        place = 0.0 * half if law.cells_at_tendons else sheath_direction(rows.played, motors, half)
+        ratio = gain * sheath_ratio(friction, place)
+        shown = ratio * rows.tensions
         columns = ratio[:, :, None] * rows.tensions_by
-        inside = (half > _NARROW) & (np.abs(place) < 1.0)
-        pull = np.divide(expected * friction, half, out=np.zeros_like(half), where=inside)
+        inside = (half > 0.0) & (np.abs(place) < 1.0) & (not law.cells_at_tendons)
+        pull = np.divide(shown * friction, half, out=np.zeros_like(half), where=inside)
         columns[:, each, at.half_widths + each] += pull * (rows.by_width - place)
         columns[:, each, at.places + each] += pull * rows.by_place
-        columns[:, each, at.frictions + each] += expected * place
+        columns[:, each, at.frictions + each] += shown * place
+        if at.gains < at.zeros:
+            columns[:, each, at.gains + each] += shown / gain
+            columns[:, each, at.zeros + each] += 1.0
+        expected = shown + zero
         self._add(rows, columns, measured - expected, np.hypot(law.tension_sd, law.tension_share * expected))
         yielded = np.abs(shifts) > _YIELD
         if yielded.any() and law.limit_sd < math.inf:

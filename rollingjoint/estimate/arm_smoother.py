@@ -160,7 +160,7 @@ class ArmSmoother:
         rows, at = self._rows, self.prior.layout
         numbers = self._proposals(self._damping)
         change = numbers - rows.numbers
-        widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.holes)
+        widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.gains)
         commands = slice(at.offsets, at.stiffnesses)
         return Smoothed(
             numbers,

@@ -30,7 +30,7 @@ from rollingjoint.kernels.gaps import (
 from rollingjoint.kernels.planar_loads import fill_generators_of_loads, placed
 from rollingjoint.kernels.rolling import FX, FY, THETA, TURN, X_DOT_F, C, S, X, Y
 from rollingjoint.kernels.torsion_springs import torsion_columns
-from rollingjoint.kernels.walls import MU, N_LAW, PRESLIDING, STIFFNESS, TOE
+from rollingjoint.kernels.walls import MU, N_LAW, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
 
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
 LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
@@ -44,8 +44,8 @@ N_SUMS = _S + 9
 _START, _START_TANGENT, _END, _END_TANGENT = range(0, 8, 2)
 _CURVATURE, _LENGTH, _ARC, _RADIUS, _SLOPE, _MEAN, _TURNED, _TURNED_MEAN, N_PIECE = range(8, 17)
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
-# presliding; whether places are wanted
-RUBS, STIFFER, SOFTER, PLACES, N_HOW = range(5)
+# presliding; whether places are wanted; steps of Newton's method so far
+RUBS, STIFFER, SOFTER, PLACES, STEPS, N_HOW = range(6)
 
 
 class Touched(NamedTuple):
@@ -71,13 +71,14 @@ class Touch(NamedTuple):
     pieces: Annotated[Floats, "C"]  # of a lumen, near the point; -1: not yet known
     places: Annotated[Floats, "C", 4]  # contact point on the wall, and the normal there to the link: if wanted
     sums: Annotated[Floats, "J", N_SUMS]
+    tangent: Annotated[Floats, "J"]  # the first step of Newton's method [rad]
     how: Annotated[Floats, N_HOW]
 
 
 class Seen(NamedTuple):
     """Walls as seen from the base, and the outline."""
 
-    points: Annotated[Floats, "points", 4]
+    points: Annotated[Floats, "points", 5]
     bars: Annotated[Floats, "bars", 6]
     planes: Annotated[Floats, "planes", 4 + N_LAW]  # as Walls.planes, and the place of the base along it before the law
     discs: Annotated[Floats, "discs", 3 + N_LAW]
@@ -143,7 +144,7 @@ def see(walls, which, base, seen):
     cos, sin = np.cos(base[2]), np.sin(base[2])
     seen.angle[0], seen.rigid[0] = base[2], walls.rigid[which]
     for q in range(seen.points.shape[0]):
-        for column in range(4):
+        for column in range(seen.points.shape[1]):
             seen.points[q, column] = walls.points[which, q, column]
     for q in range(seen.bars.shape[0]):
         for column in range(6):
@@ -218,7 +219,9 @@ def begin_touch(touch):
         touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
         touch.gaps[c], touch.pieces[c] = np.inf, -1.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
-    touch.how[RUBS] = touch.how[PLACES] = 0.0
+    touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = 0.0
+    for i in range(touch.tangent.size):
+        touch.tangent[i] = 0.0
 
 
 @part
@@ -307,6 +310,13 @@ def _lumen_room(seen, w, i, x, y):
 def _law(row, first):
     """The law of a wall in its row."""
     return row[first + STIFFNESS], row[first + TOE], row[first + MU], row[first + PRESLIDING]
+
+
+@part(inline=True)
+def _law_at(row, first, point):
+    """The law of a wall for a point of an outline, which stands for a length of it."""
+    stiffness, toe, mu, presliding = _law(row, first)
+    return stiffness * (point[4] if row[first + PER_LENGTH] > 0.0 else 1.0), toe, mu, presliding
 
 
 @part
@@ -416,7 +426,7 @@ def _touch_points(chain, state, all_gaps):
             if plane[4 + STIFFNESS] > 0.0 and link > 0 and (all_gaps or not _is_far(touch, c, value)):
                 gap = value, nx, ny, 0.0, 0.0, 0.0
                 way = ny * x - nx * y + plane[3] + rolled, ny, -nx, 0.0, 0.0, 0.0
-                term, size = _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law(plane, 4))
+                term, size = _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law_at(plane, 4, point))
                 energy, magnitude = energy + term, magnitude + size
             c += 1
         for w in range(lumens):
@@ -432,7 +442,7 @@ def _touch_points(chain, state, all_gaps):
                     gap, way, side = _lumen_fields(seen, w, i, x, y, radius)
                     gap = gap[0] - radius, gap[1], gap[2], gap[3], gap[4], gap[5]
                     way = way[0] + rolled, way[1], way[2], way[3], way[4], way[5]
-                    term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law(lumen, 2))
+                    term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
                     energy, magnitude = energy + term, magnitude + size
             c += 1
     return energy, magnitude, c
@@ -594,8 +604,11 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 
 @formula(formulas.shorten, Walled)
 def shorten(chain, state, step):
-    """Shorten a step that would move the origin of a link too far."""
-    n, contact, pose = step.size, state.contact, state.pose
+    """Shorten a step that would move the origin of a link too far; keep the first one as it is."""
+    n, contact, pose, touch = step.size, state.contact, state.pose, chain.touch
+    for i in range(n if touch.how[STEPS] == 0.0 else 0):
+        touch.tangent[i] = step[i]
+    touch.how[STEPS] += 1.0
     turn, x, y, farthest = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         turn += step[i]

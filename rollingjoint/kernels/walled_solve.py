@@ -13,14 +13,11 @@ from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import INDETERMINATE, INVALID_INPUT, NO_ROOM, UNSTABLE, TendonLaw, all_resolvable
 from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
-from rollingjoint.kernels.bounds import mark_free
 from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
-from rollingjoint.kernels.linear import lu_step
 from rollingjoint.kernels.rubbed_chain import (
     StepFriction,
     StepFrictionSizes,
     remember,
-    rubbed,
     rubbed_stiffness,
     rubs_in_holes,
 )
@@ -42,7 +39,6 @@ from rollingjoint.kernels.walled_chain import (
 from rollingjoint.kernels.walls import Walls
 
 JUMP = 0.05  # rad, and thrice the tangent: motion of a joint that is a jump
-_MOST_JUDGED = 300  # joints; with more the tangent takes too long
 _MOST_UPDATES, _GAP_GOAL, _MOST_GAP = (
     60,
     1e-10,
@@ -100,7 +96,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
         formulas.store(mechanism, state, outcome, results, lane)
         store_walls(place.touch, state, walls, lane)
         if solvable:
-            walls.jumped[lane] = has_jumped(among, law, loads[lane], starts[lane], state)
+            walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
 
 
 @part
@@ -127,29 +123,13 @@ def solve_between(chain, law, loads, start, state):
 
 
 @part
-def has_jumped(chain, law, loads, start, state):
-    """1 where a joint moved much farther than the tangent at the start promises, else 0; overwrites the state.
+def has_jumped(touch, start, state):
+    """1 where a joint moved much farther than the tangent at the start promises, else 0.
 
-    The start is meant to be an equilibrium under other inputs: Newton's first step is the tangent.
+    The start is meant to be an equilibrium under other inputs: the first step of Newton's method is the tangent.
     """
-    n, farthest = start.size, 0.0
-    way = np.empty(n)
-    for i in range(n):
-        way[i] = abs(state.angle[i] - start[i])
-        farthest = max(farthest, way[i])
-    if farthest <= JUMP or n > _MOST_JUDGED:
-        return 0
-    for i in range(n):
-        state.angle[i] = min(max(start[i], chain.joints[i, 0]), chain.joints[i, 1])
-    formulas.evaluate(chain, law, loads, state)
-    free, step = np.ones(n, np.bool_), np.empty(n)
-    mark_free(chain, state, 0.0, state.residual, free)
-    H = np.empty((n, n))
-    formulas.stiffness(chain, loads, state, H)
-    if not lu_step(H, free, state.residual, step):
-        return 1
-    for i in range(n):
-        if way[i] > 3.0 * abs(step[i]) + JUMP:
+    for i in range(start.size):
+        if abs(state.angle[i] - start[i]) > 3.0 * abs(touch.tangent[i]) + JUMP:
             return 1
     return 0
 
@@ -257,9 +237,7 @@ def _step_each(
         store_walls(place.touch, state, walls, lane)
         walls.work[lane] = remember_walls(among, status, state, walls, lane)
         if solvable:
-            columns = formulas.generator_columns(among, loads[lane]) + law.low.size
-            rubbing_chain = rubbed(among, before, memory, 0, columns, False)
-            walls.jumped[lane] = has_jumped(rubbing_chain, law, loads[lane], starts[lane], state)
+            walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
 
 
 @part

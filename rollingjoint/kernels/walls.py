@@ -10,10 +10,10 @@ from typing import Annotated, NamedTuple
 
 from rollingjoint._numba.layout import Floats
 
-N_LAW = 4
-# Columns of the law of a wall, the last of its row: stiffness [N/mm], toe [mm], coefficient of friction, presliding
-# [mm]. A stiffness of 0 is a row without effect.
-STIFFNESS, TOE, MU, PRESLIDING = range(N_LAW)
+N_LAW = 5
+# Columns of the law of a wall, the last of its row: stiffness, toe [mm], coefficient of friction, presliding [mm], and
+# whether the stiffness is per length of outline, 1 or 0 [N/mm² or N/mm]. A stiffness of 0 is a row without effect.
+STIFFNESS, TOE, MU, PRESLIDING, PER_LENGTH = range(N_LAW)
 
 
 class Walls(NamedTuple):
@@ -24,7 +24,7 @@ class Walls(NamedTuple):
     bar, the two ends of the bar against the capsule.
     """
 
-    points: Annotated[Floats, "D", "points", 4]  # link (>= 1), x, y in its frame, radius
+    points: Annotated[Floats, "D", "points", 5]  # link (>= 1), x, y in its frame, radius, length of outline it is for
     bars: Annotated[Floats, "D", "bars", 6]  # link (>= 1), first end x, y, second end x, y in its frame, radius
     planes: Annotated[
         Floats, "D", "planes", 3 + N_LAW

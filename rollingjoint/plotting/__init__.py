@@ -8,6 +8,7 @@ Modules:
     parts: elements of pictures of planar chains.
     planar: pictures of planar chains.
     spatial: pictures of arms.
+    walls: walls, lumens and obstacles, and the forces at them.
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure

@@ -12,7 +12,7 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.outline import Bare, Outline, Sleeve
 from rollingjoint.surroundings.table import Surroundings
-from rollingjoint.surroundings.walls import Capsule, Disc, HalfPlane, Polygon, Wall, WallFriction
+from rollingjoint.surroundings.walls import Boundary, Capsule, Disc, HalfPlane, Polygon, Wall, WallFriction
 
 _WALLS: dict[str, type[Any]] = {
     "half_plane": HalfPlane,
@@ -22,7 +22,7 @@ _WALLS: dict[str, type[Any]] = {
     "lumen": Lumen,
 }
 _OUTLINES: dict[str, type[Any]] = {"sleeve": Sleeve, "bare": Bare}
-_LAW = tuple(field.name for field in fields(Wall))
+_LAW = tuple(field.name for field in fields(Boundary))
 _BY_POINTS = {  # other forms of a lumen, by the key of their points, with the keys beside those of the law
     "through": (Lumen.through, ("radii", "bend_radius")),
     "fit": (Lumen.fit, ("radii", "tolerance")),

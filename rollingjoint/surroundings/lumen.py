@@ -15,7 +15,7 @@ from rollingjoint.checks import as_floats, as_positive
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.surroundings.walls import Row, Wall, as_points
+from rollingjoint.surroundings.walls import Boundary, Row, as_points
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _UP = (0.0, 0.0, float(np.pi / 2))
 
 
 @dataclass(frozen=True)
-class Lumen(Wall):
+class Lumen(Boundary):
     """A tube in which a chain lies: a centre line of arcs, without corners, and a radius along it.
 
     Both ends go on straight, with the radius there. Links have to be inside; a closed end is a HalfPlane on top.
@@ -38,7 +38,7 @@ class Lumen(Wall):
         curvatures: of the pieces, positive where it bends to the left, (p,) [1/mm].
         radii: one number, or the radius at every border of the pieces, linear between them, (p + 1,) [mm].
         start: where the centre line begins, (x, y, angle of its tangent) [mm, rad].
-        stiffness, toe, friction: of `Wall`.
+        stiffness, stiffness_per_length, toe, friction: of `Boundary`.
     Raises:
         InvalidInput: a piece without length; a radius that is not positive, or changes by more than half the length;
             radius × curvature >= 1, where the inner wall would fold; a lumen that overlaps itself or its straight ends.
@@ -76,7 +76,7 @@ class Lumen(Wall):
             radii: one number, or radii at evenly spaced arc lengths, linear between them, at least two [mm].
             start: (x, y, angle) of its beginning [mm, rad].
             tolerance: largest distance from the exact curve [mm].
-            law: stiffness, toe and friction, of `Wall`.
+            law: of `Boundary`, such as stiffness=2.0.
         Raises:
             InvalidInput: more than 1,000 arcs; as the class.
         """
@@ -108,7 +108,7 @@ class Lumen(Wall):
             points: at least two, (k, 2) [mm]; the lumen begins at the first and ends at the last.
             radii: one number, or one per point; linear along the straight lines, constant in the arcs [mm].
             bend_radius: of the arcs, one number or one per corner, (k - 2,) [mm].
-            law: stiffness, toe and friction, of `Wall`.
+            law: of `Boundary`, such as stiffness=2.0.
         Raises:
             InvalidInput: points in one place, lines too short for their arcs; as the class.
         """
@@ -148,7 +148,7 @@ class Lumen(Wall):
             points: along the centre line, in order, such as a segmented airway, at least three, (k, 2) [mm].
             radii: one number, or one per point [mm].
             tolerance: largest distance of a point from the centre line [mm].
-            law: stiffness, toe and friction, of `Wall`.
+            law: of `Boundary`, such as stiffness=2.0.
         Raises:
             InvalidInput: points that no k - 2 arcs fit so well; as the class.
         """

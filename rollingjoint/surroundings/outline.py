@@ -35,14 +35,13 @@ class OutlineRows(NamedTuple):
     """What of a chain touches walls, in the frames of its links; link 0 carries none.
 
     Attributes:
-        points: discs, which meet half planes and lumens: link, x, y, radius, (P, 4) [mm].
+        points: discs, which meet half planes and lumens: link, x, y, radius, length of outline that the point stands
+            for, (P, 5) [mm].
         bars: capsules, which meet discs, capsules and polygons: link, first end x, y, second end x, y, radius, (Q, 6).
-        shares: length of outline that every point stands for, (P,) [mm].
     """
 
     points: Array
     bars: Array
-    shares: Array
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Sleeve:
         Raises:
             InvalidInput: a link without length.
         """
-        points, bars, shares = [], [], []
+        points, bars = [], []
         for k, link in enumerate(links[1:], start=1):
             first, second = np.array(link.parent.start), np.array(link.child.start)
             length = float(np.hypot(*(second - first)))
@@ -79,9 +78,8 @@ class Sleeve:
             radius = half_width(link) if self.radius is None else self.radius
             bars.append((k, *first, *second, radius))
             for share in np.arange(1, self.points + 1) / self.points:
-                points.append((k, *(first + (second - first) * share), radius))
-                shares.append(length / self.points)
-        return _rows(points, bars, shares)
+                points.append((k, *(first + (second - first) * share), radius, length / self.points))
+        return _rows(points, bars)
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class Bare:
         Raises:
             InvalidInput: a side without length, a link that is narrower than twice the rounding.
         """
-        rounding, points, bars, shares = self.rounding, [], [], []
+        rounding, points, bars = self.rounding, [], []
         for k, link in enumerate(links[1:], start=1):
             if half_width(link) <= rounding:
                 hint = "Make the rounding smaller."
@@ -121,15 +119,13 @@ class Bare:
                     raise InvalidInput(f"length of a side of links[{k}]", length, f"{_SHORTEST:g} mm or more for Bare")
                 bars.append((k, *first, *second, rounding))
                 for share in np.linspace(0.0, 1.0, self.points):
-                    points.append((k, *(first + (second - first) * share), rounding))
-                    shares.append(length / self.points)
+                    points.append((k, *(first + (second - first) * share), rounding, length / self.points))
         face = links[-1].child
         tip = np.array(face.start) - np.array([0.0, rounding])
         low, high = face.point(np.array(face.limits)) + np.array([[rounding, 0.0], [-rounding, 0.0]])
-        points.append((len(links) - 1, *tip, rounding))
-        shares.append(float(np.hypot(*(high - low))))
+        points.append((len(links) - 1, *tip, rounding, float(np.hypot(*(high - low)))))
         bars += [(len(links) - 1, *low, *tip, rounding), (len(links) - 1, *tip, *high, rounding)]
-        return _rows(points, bars, shares)
+        return _rows(points, bars)
 
 
 Outline = Sleeve | Bare
@@ -143,5 +139,5 @@ def half_width(link: HasSurfaces) -> float:
     return float(np.abs(np.concatenate(ends) @ across).max())
 
 
-def _rows(points: list[tuple[float, ...]], bars: list[tuple[float, ...]], shares: list[float]) -> OutlineRows:
-    return OutlineRows(np.array(points, float).reshape(-1, 4), np.array(bars, float).reshape(-1, 6), np.array(shares))
+def _rows(points: list[tuple[float, ...]], bars: list[tuple[float, ...]]) -> OutlineRows:
+    return OutlineRows(np.array(points, float).reshape(-1, 5), np.array(bars, float).reshape(-1, 6))

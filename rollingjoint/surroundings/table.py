@@ -113,5 +113,5 @@ class Surroundings:
         return wall.friction or self.friction or _NO_FRICTION
 
     def _law(self, wall: Wall) -> Row:
-        friction = self._friction(wall)
-        return wall.stiffness, wall.toe, friction.mu, friction.presliding
+        friction, (stiffness, toe, per_length) = self._friction(wall), wall.law
+        return stiffness, toe, friction.mu, friction.presliding, float(per_length)

@@ -80,19 +80,53 @@ class Wall:
             object.__setattr__(self, name, number)
         checked_wall_friction(self.friction)
 
+    @property
+    def law(self) -> tuple[float, float, bool]:
+        """Stiffness, toe, and whether the stiffness is per length."""
+        return self.stiffness, self.toe, False
+
     def rows(self) -> Mapping[str, Sequence[Row]]:
         """The rows of the kernels' tables of walls, by the name of the table, without the columns of the law."""
         raise NotImplementedError
 
 
+@dataclass(frozen=True, kw_only=True)
+class Boundary(Wall):
+    """Base class of walls with an inside, which the points of an outline meet.
+
+    Args:
+        stiffness_per_length: in place of the stiffness of every contact a stiffness per length of outline, 1e-6 to 1e6
+            N/mm² (Winkler's foundation): the result then hardly depends on the number of points. None: `stiffness`.
+        stiffness, toe, friction: of `Wall`.
+    Raises:
+        InvalidInput: a number that is not in its range.
+    """
+
+    stiffness_per_length: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.stiffness_per_length is not None:
+            low, high = STIFFNESSES
+            allowed = f"a number from {low:g} to {high:g} [N/mm²]"
+            number = as_number("wall stiffness_per_length", self.stiffness_per_length, low, high, allowed=allowed)
+            object.__setattr__(self, "stiffness_per_length", number)
+
+    @property
+    def law(self) -> tuple[float, float, bool]:
+        """Stiffness, toe, and whether the stiffness is per length."""
+        per_length = self.stiffness_per_length
+        return (self.stiffness, self.toe, False) if per_length is None else (per_length, self.toe, True)
+
+
 @dataclass(frozen=True)
-class HalfPlane(Wall):
+class HalfPlane(Boundary):
     """A straight wall: points x with normal · x >= offset are free.
 
     Args:
         normal: (x, y), towards the free side; of any length, it is scaled to 1.
         offset: distance of the wall from the origin along the normal [mm].
-        stiffness, toe, friction: of `Wall`.
+        stiffness, stiffness_per_length, toe, friction: of `Boundary`.
     Raises:
         InvalidInput: a normal of length 0, a number that is not finite.
     """

@@ -19,6 +19,7 @@ from rollingjoint import (
     Surroundings,
     WallFriction,
     five_link,
+    solve_tensions,
     uniform,
 )
 from tests.rollingjoint.walls.test_reference import CASES, chain_of, name_of, walls_of
@@ -31,12 +32,11 @@ def test_sleeve_has_points_and_a_bar_along_the_axis_of_every_moving_link():
     chain = uniform(9, height=10, radius=7, half_width=5, tendon_offset=3.5)
     rows = Sleeve(5.0).rows(chain.links)
     first, second = chain.links[3].parent.start, chain.links[3].child.start
-    assert rows.points.shape == (16, 4) and rows.bars.shape == (8, 6)
+    assert rows.points.shape == (16, 5) and rows.bars.shape == (8, 6)
     assert np.allclose(rows.bars[2], [3, *first, *second, 5.0], atol=0)
     middle = 0.5 * np.add(first, second)
-    assert np.allclose(rows.points[4:6], [[3, *middle, 5.0], [3, *second, 5.0]], atol=1e-15)
-    assert np.allclose(rows.shares, 5.0)
-    assert np.allclose(Sleeve(5.0, points=5).rows(chain.links).shares, 2.0)
+    assert np.allclose(rows.points[4:6], [[3, *middle, 5.0, 5.0], [3, *second, 5.0, 5.0]], atol=1e-15)
+    assert np.allclose(Sleeve(5.0, points=5).rows(chain.links).points[:, 4], 2.0)
 
 
 def test_sleeve_covers_the_ends_of_surfaces_by_default():
@@ -51,11 +51,11 @@ def test_bare_outline_has_the_sides_moved_inwards_and_the_face_of_the_tip():
     rows = Bare(1.0).rows(chain.links)
     link = chain.links[1]
     low, high = (surface.point(surface.limits[0]) + np.array([1.0, 0.0]) for surface in (link.parent, link.child))
-    assert rows.points.shape == (4 * 2 * 3 + 1, 4) and rows.bars.shape == (4 * 2 + 2, 6)
+    assert rows.points.shape == (4 * 2 * 3 + 1, 5) and rows.bars.shape == (4 * 2 + 2, 6)
     assert np.allclose(rows.bars[0], [1, *low, *high, 1.0], atol=1e-12)
     assert np.allclose(rows.points[:3, 1:3], [low, 0.5 * (low + high), high], atol=1e-12)
     tip = np.subtract(chain.links[-1].child.start, [0.0, 1.0])
-    assert np.allclose(rows.points[-1], [4, *tip, 1.0], atol=1e-12)
+    assert np.allclose(rows.points[-1, :4], [4, *tip, 1.0], atol=1e-12)
     assert np.allclose(rows.bars[-2, 3:5], tip) and np.allclose(rows.bars[-1, 1:3], tip)
     assert rows.points[:, 0].min() == 1  # link 0 belongs to the drive
 
@@ -70,11 +70,22 @@ def test_arrays_hold_one_row_per_wall_with_its_law():
     ]
     chain = five_link()
     arrays = Surroundings(walls, Sleeve(8.0), WallFriction(0.2)).arrays(chain)
-    assert arrays.planes.tolist() == [[[1.0, 0.0, -25.0, 5.0, 0.0, 0.2, 0.05]]]
-    assert arrays.discs.tolist() == [[[1.0, 2.0, 3.0, 1.0, 0.0, 0.4, 0.1]]]
-    assert arrays.capsules.shape == (1, 4, 9) and arrays.capsules[0, 0].tolist() == [0, 0, 1, 1, 2, 1, 0.5, 0.2, 0.05]
+    assert arrays.planes.tolist() == [[[1.0, 0.0, -25.0, 5.0, 0.0, 0.2, 0.05, 0.0]]]
+    assert arrays.discs.tolist() == [[[1.0, 2.0, 3.0, 1.0, 0.0, 0.4, 0.1, 0.0]]]
+    assert arrays.capsules.shape == (1, 4, 10) and arrays.capsules[0, 0].tolist() == [
+        0,
+        0,
+        1,
+        1,
+        2,
+        1,
+        0.5,
+        0.2,
+        0.05,
+        0,
+    ]
     assert arrays.capsules[0, 3, :5].tolist() == [0, 4, 0, 0, 0.5]
-    assert arrays.lumens.tolist() == [[[2.0, 0.0, 0.2, 0.05]]] and arrays.rigid.tolist() == [0.0]
+    assert arrays.lumens.tolist() == [[[2.0, 0.0, 0.2, 0.05, 0.0]]] and arrays.rigid.tolist() == [0.0]
     assert arrays.pieces.shape == (1, 4, 9) and arrays.pieces[0, :, 3].tolist() == [0.0, 0.02, -0.02, 0.0]
     assert arrays.pieces[0, :, 5].tolist() == [0, 30, 70, 110] and not arrays.pieces[0, :, 8].any()
 
@@ -101,8 +112,25 @@ def test_reference_cases_have_the_arrays_written_out_from_their_definitions(case
     outline = {"sleeve": Sleeve, "bare": Bare}[kind](size)
     friction = WallFriction(spec["mu"], case["presliding_mm"])
     arrays = Surroundings(walls, outline, friction, spec["rigid"]).arrays(chain)
-    for mine, definition in zip(arrays, walls_of(case, chain), strict=True):
+    definitions = walls_of(case, chain)
+    assert np.all(arrays.points[..., 4] > 0.0)
+    for mine, definition in zip(arrays, definitions._replace(points=definitions.points[..., :4]), strict=True):
+        mine = mine[..., : definition.shape[-1]]  # lengths of outline are for other walls
         np.testing.assert_allclose(mine, definition, rtol=0.0, atol=1e-12)
+
+
+def test_a_stiffness_per_length_hardly_depends_on_the_number_of_points():
+    chain = uniform(9, height=10, radius=7, half_width=5, tendon_offset=3.5)
+    ratios = []
+    for law in ({"stiffness": 1.0}, {"stiffness_per_length": 0.2}):
+        forces = []
+        for points in (20, 80):
+            around = Surroundings([HalfPlane((1, 0), -4.0, **law)], Sleeve(5.0, points))
+            forces.append(solve_tensions(chain, (4.0, 2.0), surroundings=around).require().wall_forces[:, 0].sum())
+        ratios.append(forces[1] / forces[0])
+    assert ratios[0] > 2.0 and ratios[1] == pytest.approx(1.0, abs=0.07)
+    around = Surroundings([HalfPlane((1, 0), -40, stiffness_per_length=0.2)])
+    assert around.arrays(chain).planes[0, 0].tolist() == [1.0, 0.0, -40.0, 0.2, 0.0, 0.0, 0.05, 1.0]
 
 
 def test_lumen_goes_on_straight_at_both_ends_without_corners():

@@ -41,7 +41,7 @@ def walls(outline, planes=(), discs=(), capsules=(), lumens=(), mu=0.0, preslidi
 
     lumens: (start, pieces of length, curvature and two radii, stiffness).
     """
-    law = (toe, mu, presliding)
+    law = (toe, mu, presliding, 0.0)
     rows = [[(*wall, *law) for wall in kind] for kind in (planes, discs, capsules)]
     pieces, lumen_laws = [], []
     for number, (start, parts, stiffness) in enumerate(lumens):
@@ -55,7 +55,8 @@ def walls(outline, planes=(), discs=(), capsules=(), lumens=(), mu=0.0, preslidi
             else:
                 x, y = x + length * math.cos(angle), y + length * math.sin(angle)
             angle, arc = angle + curvature * length, arc + length
-    tables = [*outline, *rows, pieces, lumen_laws]
-    widths = (4, 6, 7, 7, 9, 9, 4)
+    points, bars = outline
+    tables = [[(*point, 0.0) for point in points], bars, *rows, pieces, lumen_laws]
+    widths = (5, 6, 8, 8, 10, 9, 5)
     arrays = [np.array(table, float).reshape(1, -1, width) for table, width in zip(tables, widths, strict=True)]
     return Walls(*arrays, np.array([float(rigid)]))
