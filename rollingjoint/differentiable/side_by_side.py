@@ -116,7 +116,7 @@ class SideBySide:
             poses,
             state.tensions,
             state.lengths,
-            torch.cholesky_solve(pulls, tables.factor),
+            tables.solved(pulls),
             torch.view_as_real(state.contacts),
         )
 
@@ -201,8 +201,12 @@ class TabulatedChain:
     def step(self, state: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
         """See newton.EnergyProblem."""
         self.factor, _, definite = factored(freed(state.stiffness, held), held)
-        right = torch.where(held, 0.0, -state.residual)
-        return shortened(torch.cholesky_solve(right[..., None], self.factor)[..., 0]), definite
+        return shortened(self.solved(torch.where(held, 0.0, -state.residual)[..., None])[..., 0]), definite
+
+    def solved(self, right: Tensor) -> Tensor:
+        """Solutions for right sides (B, J, k) by the factor; torch.cholesky_solve goes row by row on CUDA if k > 1."""
+        below = torch.linalg.solve_triangular(self.factor, right, upper=False)
+        return torch.linalg.solve_triangular(self.factor.mT, below, upper=True)
 
     def trial(self, origin: Origin, step: Tensor) -> Tensor:
         """See newton.EnergyProblem."""

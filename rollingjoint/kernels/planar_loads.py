@@ -83,10 +83,16 @@ def has_potential(standing, loads):
     return True
 
 
-@formula(formulas.generator_columns, Chain)
-def generator_columns(chain, loads):
+@part
+def generator_columns(standing, loads):
     """Number of columns of a Sweep for the loads: one, two for springs, one for each torsion spring over two joints."""
-    return (3 if _has_springs(chain.standing, loads) else 1) + torsion_columns(chain.standing, loads, True)
+    return (3 if _has_springs(standing, loads) else 1) + torsion_columns(standing, loads, True)
+
+
+@formula(formulas.generator_columns, Chain)
+def columns_of_loads(chain, loads):
+    """`generator_columns` of a chain."""
+    return generator_columns(chain.standing, loads)
 
 
 @part(inline=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.outline import rotation, to_world
 from rollingjoint.chain.wall_step import WallStep
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import pair_columns
 from rollingjoint.plotting.parts import ORDER, ArrowStyle, draw_arrow, nice_scale, scale_text
 from rollingjoint.surroundings import Lumen
@@ -22,6 +23,7 @@ from rollingjoint.surroundings import Lumen
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -29,7 +31,7 @@ WALL_COLOR, PRESSED_COLOR = "#C9A78F", "#8C1D40"
 _WALL: dict[str, Any] = {"facecolor": WALL_COLOR, "edgecolor": "#7D5A45", "linewidth": 1.0, "alpha": 0.55, "zorder": 1}
 _SKIN: dict[str, Any] = {"color": "#5B6B82", "linewidth": 0.7, "zorder": ORDER["link"], "label": "outline"}
 _STICKS = "#0072B2"
-_FORCES = "YlOrRd"  # colour map of normal forces
+_FORCES, _STATES = "YlOrRd", "PuOr"  # colour maps
 _ARROW = ArrowStyle(PRESSED_COLOR, 1.8, ORDER["load"])
 _FORCE, _ANCHOR = pair_columns("f", "a")
 
@@ -191,3 +193,45 @@ def _draw_walls(ax: Axes, step: WallStep, places: Array) -> None:
 
 def _fill(ax: Axes, corners: Array) -> None:
     ax.fill(*corners.T, label="wall", **_WALL)
+
+
+def plot_wall_contacts(path: Sequence[Equilibrium], inputs: Sequence[float], label: str = "feed [mm]") -> Figure:
+    """A figure of a path among walls: stick and slip of every contact, and the force that drives the base.
+
+    Args:
+        path: equilibria, each the history of the next.
+        inputs: the input of each, such as the way by which the base is pushed in.
+        label: the name of the input, with its unit.
+    Raises:
+        InvalidInput: another number of inputs, or equilibria without surroundings.
+    """
+    if len(path) != len(inputs) or not path or any(eq.walls is None for eq in path):
+        raise InvalidInput("path", f"{len(path)} equilibria", f"{len(inputs)} equilibria among walls, one per input")
+    with naming_extras():
+        from matplotlib import pyplot
+    figure, (top, bottom) = pyplot.subplots(
+        2, 1, figsize=(7.2, 5.4), sharex=True, height_ratios=(3, 2), layout="constrained"
+    )
+    touches = [(step, touch) for step, eq in enumerate(path) for touch in eq.wall_contacts]
+    steps = np.array([step for step, _ in touches], int)
+    columns = [(touch.link, touch.force, touch.state, touch.sticks) for _, touch in touches]
+    links, forces, states, sticks = np.array(columns, float).reshape(-1, 4).T
+    sizes = 6.0 + 60.0 * forces / max(forces.max(initial=0.0), 1e-12)
+    image = top.scatter(
+        steps, links, s=sizes, c=states, cmap=_STATES, vmin=-1, vmax=1, linewidths=0.3, edgecolors="grey"
+    )
+    held = sticks > 0.0
+    top.plot(steps[held], links[held], "o", markersize=2.2, color=_STICKS, label="sticks")
+    top.set(ylabel="link", yticks=range(1, path[0].chain.n_links), ylim=(0.5, path[0].chain.n_links - 0.5))
+    if held.any():
+        top.legend(loc="lower left")
+    figure.colorbar(image, ax=top, label="state: ±1 slips", ticks=(-1, 0, 1))
+    bottom.plot([eq.insertion_force for eq in path], color=PRESSED_COLOR, linewidth=1.6)
+    bottom.set(xlabel="step", ylabel="insertion force [N]")
+    other = bottom.twinx()
+    other.plot(np.asarray(inputs, float), color="#5B6B82", linewidth=1.0, linestyle="--")
+    other.set_ylabel(label)
+    for ax in (top, bottom):
+        ax.grid(color="#E5E8EC", linewidth=0.6)
+        ax.set_axisbelow(True)
+    return figure

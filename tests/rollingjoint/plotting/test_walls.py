@@ -9,10 +9,22 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
-from rollingjoint import Capsule, Disc, HalfPlane, Lumen, Polygon, Sleeve, Surroundings, WorldForce, solve_lengths
+from rollingjoint import (
+    Capsule,
+    Disc,
+    HalfPlane,
+    InvalidInput,
+    Lumen,
+    Polygon,
+    Sleeve,
+    Surroundings,
+    WallFriction,
+    WorldForce,
+    solve_lengths,
+)
 from rollingjoint.chain.outline import rotation, to_world
 from rollingjoint.chain.presets import two_segment
-from rollingjoint.plotting import plot_family, plot_mechanism
+from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts
 from rollingjoint.plotting.walls import in_world, places_and_forces, stadium, wall_lumens
 
 CHAIN = two_segment(4, 4, height=10, radius=7, half_width=5)
@@ -83,3 +95,22 @@ def test_the_outline_of_a_bar_is_its_radius_away_from_its_axis():
     outline = stadium(first, second, 1.5)
     along = np.clip((outline - first) @ (second - first) / 25.0, 0.0, 1.0)
     np.testing.assert_allclose(np.hypot(*(outline - first - along[:, None] * (second - first)).T), 1.5)
+
+
+def test_a_path_shows_stick_slip_and_the_force_on_the_base():
+    lengths = CHAIN.neutral_lengths - 2.0 / CHAIN.stiffnesses
+    around = Surroundings([LUMEN], Sleeve(5.0), WallFriction(0.2))
+    feeds = [30.0, 31.0, 32.0, 31.99]
+    path = [solve_lengths(CHAIN, lengths, surroundings=around, base=(0, feeds[0], 0))]
+    for feed in feeds[1:]:
+        path.append(solve_lengths(CHAIN, lengths, surroundings=around, base=(0, feed, 0), history=path[-1]))
+    figure = plot_wall_contacts(path, feeds)
+    top = figure.axes[0]
+    states = [touch.state for eq in path for touch in eq.wall_contacts]
+    np.testing.assert_allclose(top.collections[0].get_array(), states)
+    held = [touch for eq in path for touch in eq.wall_contacts if touch.sticks]
+    assert len(top.lines[0].get_xdata()) == len(held) > 0
+    forces = next(ax for ax in figure.axes if ax.get_ylabel().startswith("insertion"))
+    np.testing.assert_allclose(forces.lines[0].get_ydata(), [eq.insertion_force for eq in path])
+    with pytest.raises(InvalidInput, match="3 equilibria among walls, one per input"):
+        plot_wall_contacts(path, feeds[:3])
