@@ -10,9 +10,9 @@ CHAIN = rj.two_segment(4, 4, height=10, radius=7, half_width=5)
 TENSIONS = (6, 2, 2, 2)
 SCENES = {  # walls, base, largest distance of the tip [mm]
     "plane": ([rj.HalfPlane((1, 0.2), -12)], (0, 0, 0), 1e-3),  # two links touch it at nearly the same place
-    "disc": ([rj.Disc((-14, 45), 6)], (1, 2, 0.05), 5e-6),
-    "capsule": ([rj.Capsule((-22, 45), (-14, 64), 2)], (0, 0, 0), 5e-6),
-    "polygon": ([rj.Polygon([(-24, 40), (-14, 50), (-26, 60)], 1)], (0, 0, 0), 5e-6),
+    "disc": ([rj.Disc((-14, 45), 6)], (1, 2, 0.05), 2e-6),
+    "capsule": ([rj.Capsule((-22, 45), (-14, 64), 2)], (0, 0, 0), 2e-6),
+    "polygon": ([rj.Polygon([(-24, 40), (-14, 50), (-26, 60)], 1)], (0, 0, 0), 2e-6),
 }
 
 
@@ -29,7 +29,7 @@ def test_engine_rests_where_the_rigid_solver_does(name):
     state = engine.MjData(model)
     state.qpos[:] = positions(CHAIN, CHAIN.neutral_angles)
     state.ctrl[:] = TENSIONS
-    engine.mj_step(model, state, 8000)
+    engine.mj_step(model, state, 14000)
     assert np.hypot(*(1e3 * state.site("tip").xpos[:2] - eq.tip[:2])) < near
     force = sum(touch.force for touch in eq.wall_contacts)
     pressed = state.efc_force[state.efc_type == engine.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS]
