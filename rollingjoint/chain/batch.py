@@ -133,9 +133,14 @@ def free_joints(batch: Any) -> NDArray[np.bool_]:
 def tip_rates(kernels: Kernels, batch: Any) -> Array:
     """d tip / d joint angle of solved rows of chains in space, (B, 3, J) [mm/rad]."""
     poses, axes = batch.results.poses, batch.chain.axes[batch.designs]
-    pivots = getattr(batch.results, kernels.pivots) if kernels.pivots else poses[:, :-1, :3, 3]
     turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
-    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - pivots), 1, 2)
+    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - pivots_of(kernels, batch.results)), 1, 2)
+
+
+def pivots_of(kernels: Kernels, results: Any) -> Array:
+    """Points about which the joints of chains in space turn, (B, J, 3) [mm]."""
+    pivots: Array = getattr(results, kernels.pivots) if kernels.pivots else results.poses[:, :-1, :3, 3]
+    return pivots
 
 
 def solve_batch(

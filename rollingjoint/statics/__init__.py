@@ -7,6 +7,7 @@ Modules:
     least_squares: tendon lengths in the least-squares sense.
     loop: paths back and forth, and the hysteresis in them.
     problem: prepared problems, checked once.
+    reactions: forces and moments of the hinges of arms.
     sensitivity: derivatives of equilibria.
     slot: memory for one solve.
     solve: the solvers.

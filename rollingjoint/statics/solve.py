@@ -78,8 +78,7 @@ def solve_lengths(
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         method: "elastic": tension = clip(stiffness × stretch, *tension_limits), unique and well posed while a tendon is
-            taut. "least_squares" (RollingChain only): the tensions within the limits that bring the lengths nearest
-            the desired ones.
+            taut. "least_squares": tensions within the limits that bring the lengths nearest the desired ones.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]. With "least_squares" an infinite
             maximum stands for 1000 N.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
@@ -100,8 +99,8 @@ def solve_lengths(
         return _solve_one(
             mechanism, (command, mechanism.stiffnesses, low, high), table, start, history, surroundings, base
         )
-    if method not in mechanism.length_methods:
-        raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
+    if method != "least_squares":
+        raise InvalidInput("method", method, '"elastic" or "least_squares"')
     if surroundings is not None:
         raise InvalidInput("surroundings", surroundings, 'None with method "least_squares"', 'Use "elastic".')
     if history is not None and mechanism.has_friction:
