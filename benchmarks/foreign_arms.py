@@ -410,9 +410,10 @@ def repeatability(
 ) -> list[tuple[str, int, float]]:
     """Spread of tips at equal commands: pairs of rows with motors within `apart` mm, at least `pause` s apart.
 
-    Small differences of commands are taken out by the model. Half of the mean square of the differences is the variance
-    that no model can explain which knows the present command alone; the second number counts only rows whose motors
-    were on the same way (no motor moved the other way in the last step), for models that know the past.
+    Small differences of commands are taken out by a model of the present command. Half of the mean square of the
+    differences is the variance that no model can explain which knows the present command alone; the second number
+    counts only rows whose motors were on the same way (no motor moved the other way in the last step), for models that
+    know the past.
     """
     moves = np.diff(recording.motors, axis=0, prepend=recording.motors[:1])
     residuals, squares, same = recording.tips - modelled, [], []
@@ -485,7 +486,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"physics: {rms(scored.tips, modelled):.2f} mm RMS on {what}")
     ridge = Ridge.of(train, model.tips(z, train))
     print(f"physics and a ridge regression of what it leaves: {rms(scored.tips, modelled + ridge(scored)):.2f} mm RMS")
-    for past, pairs, spread in repeatability(train, model.tips(z, train)):
+    without_past = Model(ROBOTS[given.robot], GEOMETRY)
+    z = without_past.fit([train], progress=f"{given.robot}: repeatability")
+    for past, pairs, spread in repeatability(train, without_past.tips(z, train)):
         print(f"repeatability, {past}: {spread:.2f} mm over {pairs} pairs of rows with equal commands")
     if given.picture:
         picture(given.picture, scored, modelled, f"{given.robot}, {what}")
