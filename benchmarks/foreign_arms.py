@@ -325,6 +325,13 @@ class Model:
             print(file=sys.stderr)
         return z
 
+    def fit_after(self, known: dict[str, Array], recording: Recording, progress: str = "") -> Array:
+        """`fit` that starts at parts of z known from smaller variants, to which it adds its own."""
+        start = [known.get(name, np.zeros(len(self.kinds[name].nominal))) for name in self.free]
+        z = self.fit([recording], np.concatenate(start), progress)
+        known.update(self.parts(z))
+        return z
+
 
 def rms(measured: Array, modelled: Array) -> float:
     """Root mean square distance of tips, both less their mean [mm]."""
@@ -381,9 +388,7 @@ def variants_table(recording: Recording, robot: str) -> str:
         for name, known in fitted.items():
             held_out = splits.get(name, np.zeros(len(recording.times), bool))
             train, test = recording.rows(~held_out), recording.rows(held_out if name != "all" else ~held_out)
-            start = np.concatenate([known.get(kind, np.zeros(len(model.kinds[kind].nominal))) for kind in free])
-            z = model.fit([train], start, f"{robot} {variant.strip()}, without {name if name != 'all' else 'none'}")
-            known.update(model.parts(z))
+            z = model.fit_after(known, train, f"{robot} {variant.strip()}, without {name if name != 'all' else 'none'}")
             modelled = model.tips(z, test)
             errors.append(rms(test.tips, modelled))
             with_ridge.append(rms(test.tips, modelled + Ridge.of(train, model.tips(z, train))(test)))
@@ -475,20 +480,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.exit(
             2, f"{given.fit}: {len(train.times)} rows to fit that are not in the scored file: expected 50 or more\n"
         )
-    model = Model(ROBOTS[given.robot], VARIANTS[CHOSEN])
-    z = model.fit([train], progress=f"{given.robot}: fit of {model.size} numbers to {len(train.times)} rows")
+    known: dict[str, Array] = {}
+    for free in (CALIBRATED, GEOMETRY, MOVING, VARIANTS[CHOSEN]):
+        model = Model(ROBOTS[given.robot], free)
+        z = model.fit_after(known, train, f"{given.robot}: fit of {model.size} numbers to {len(train.times)} rows")
+        if free is GEOMETRY:
+            without_past = model.tips(z, train)
     modelled = model.tips(z, scored)
     print(f"{given.robot}: {CHOSEN.strip()}; {len(train.times)} rows fitted, {len(scored.times)} scored")
     for name, values in model.values(z).items():
         unit = model.kinds[name].unit
+        if name in ("play", "axial compliance"):  # of which the model takes the size
+            values = np.abs(values)
         print(f"  {name}: {' '.join(f'{value:.4g}' for value in values)}" + (f" {unit}" if unit else ""))
     what = "fitted rows" if given.score is None else given.score.name
     print(f"physics: {rms(scored.tips, modelled):.2f} mm RMS on {what}")
     ridge = Ridge.of(train, model.tips(z, train))
     print(f"physics and a ridge regression of what it leaves: {rms(scored.tips, modelled + ridge(scored)):.2f} mm RMS")
-    without_past = Model(ROBOTS[given.robot], GEOMETRY)
-    z = without_past.fit([train], progress=f"{given.robot}: repeatability")
-    for past, pairs, spread in repeatability(train, without_past.tips(z, train)):
+    for past, pairs, spread in repeatability(train, without_past):
         print(f"repeatability, {past}: {spread:.2f} mm over {pairs} pairs of rows with equal commands")
     if given.picture:
         picture(given.picture, scored, modelled, f"{given.robot}, {what}")
