@@ -110,7 +110,7 @@ docs: setup
 	@echo "==> Writing the pages"
 	@$(BIN)/python docs/_pages
 	@echo "==> Building the site"
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+	@$(BIN)/zensical build --strict
 	@echo "==> Open site/index.html"
 
 lint: setup
@@ -131,5 +131,5 @@ lock: setup
 
 clean:
 	@echo "==> Removing the environment, caches and builds"
-	@rm -rf $(VENV) $(LOWEST) build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
+	@rm -rf $(VENV) $(LOWEST) .cache build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

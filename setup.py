@@ -2,11 +2,12 @@
 
 Other distributions, and folders of users, are called agents; there is no other rj_agents. The wheel holds the files of
 agents with this name in their imports, commands and messages. An editable install knows the same files by both names.
-pyproject.toml has all else.
+The page of an index is README.md with links that lead somewhere. pyproject.toml has all else.
 """
 
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -15,6 +16,7 @@ from setuptools.command.editable_wheel import editable_wheel
 
 HERE, INSTALLED = "agents", "rj_agents"
 NAME = re.compile(rf"\b{HERE}(?=\.[a-z_])|(?<=from ){HERE}(?= import )")
+LINK = re.compile(r"(?P<image>!?)\[(?P<words>[^\]]*)\]\((?P<path>(?!\w+:|#)[^)\s]+)\)")
 CONTROLLERS = find_packages(include=[HERE, f"{HERE}.*"])
 
 
@@ -48,11 +50,37 @@ class InstallBothNames(editable_wheel):
         super().run()
 
 
-setup(
-    packages=[
-        *find_packages(include=["rollingjoint", "rollingjoint.*", "rj_gym", "rj_gym.*"]),
-        *(f"{INSTALLED}{package.removeprefix(HERE)}" for package in CONTROLLERS),
-    ],
-    package_dir={INSTALLED: HERE},
-    cmdclass={"build_py": BuildRenamed, "editable_wheel": InstallBothNames},
-)
+def page_of_index(text: str, address: str | None) -> str:
+    """README.md where no file is beside it: links to files of the repository at this address, or their words alone."""
+
+    def elsewhere(found: re.Match[str]) -> str:
+        image, words, path = found["image"], found["words"], found["path"]
+        if address is None:
+            return "" if image else words
+        return f"{image}[{words}]({address}/{'raw' if image else 'blob'}/main/{path})"
+
+    return LINK.sub(elsewhere, text)
+
+
+def long_description() -> str:
+    """README.md with links to the repository that pyproject.toml names."""
+    project = tomllib.loads(Path("pyproject.toml").read_text("utf-8"))["project"]
+    return page_of_index(Path("README.md").read_text("utf-8"), project.get("urls", {}).get("Repository"))
+
+
+def main() -> None:
+    """Build as the command line says."""
+    setup(
+        long_description=long_description(),
+        long_description_content_type="text/markdown",
+        packages=[
+            *find_packages(include=["rollingjoint", "rollingjoint.*", "rj_gym", "rj_gym.*"]),
+            *(f"{INSTALLED}{package.removeprefix(HERE)}" for package in CONTROLLERS),
+        ],
+        package_dir={INSTALLED: HERE},
+        cmdclass={"build_py": BuildRenamed, "editable_wheel": InstallBothNames},
+    )
+
+
+if __name__ == "__main__":
+    main()

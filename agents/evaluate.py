@@ -64,7 +64,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     names = [POLICY, *(path.name for path in arguments.beside), *additional, *ours]
     if repeated := next((name for name in names if names.count(name) > 1), ""):
         raise ConfigError("--beside or --controller", repeated, "a name that no other controller of the table has")
-    controllers = {POLICY: load_driving(run, arguments.policy), **others, **additional, **ours}
+    controllers = {POLICY: load_driving(run, arguments.policy, in_wrappers=True), **others, **additional, **ours}
     about = {
         "run": str(run.path),
         "policy": arguments.policy,
@@ -79,7 +79,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         evaluation = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
     report = replace(evaluation, about=about)
     write_report(report, controllers, config.env, folder)
-    for note in filter(None, (blind, config.env.why_scalar, "" if config.env.is_tracking else NOT_TRACKING)):
+    for note in filter(None, (blind, config.why_scalar, "" if config.env.is_tracking else NOT_TRACKING)):
         print(note)
     print(f"{report.text()}\nReport: {folder / 'report.md'}")
     if config.env.is_tracking:
@@ -97,7 +97,7 @@ def _other_policy(path: Path, config: TrainConfig, seeds: range) -> Controller:
         other.check_unused(seeds)
         if other.env.id != config.env.id:
             raise ConfigError("run folder", str(path), f"a run of {config.env.id}", f"That one is of {other.env.id}.")
-        return load_driving(run)
+        return load_driving(run, in_wrappers=True)
 
 
 def _own_controller(text: str) -> Controller:

@@ -28,15 +28,16 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.controllers.arm_smoother import arm_ranges
+from agents.controllers.arm_smoother import arm_law, arm_ranges
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers
+from agents.policies.loading import shipped_policies
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.variations import ChainVariations
-from rollingjoint.estimate import ArmLaw, ArmPrior, ArmRows, FollowedArm, MotorHistory
+from rollingjoint.estimate import ArmPrior, ArmRows, FollowedArm, MotorHistory
 from rollingjoint.load import load_table
 from rollingjoint.tables import markdown_table
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
@@ -44,7 +45,8 @@ from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
 Array = NDArray[np.float64]
 
 POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
-ARM, ARM_POLICY, ARM_DRIVERS = "ArmInstrument", "arm_instrument", ("probing filter", "smoother")
+ARM_DRIVERS = "probing filter", "smoother"
+ARMS = {"ArmInstrument": "rj_gym/ArmInstrument-v0", "ArmInstrument-v1": "rj_gym/ArmInstrument-v1"}
 
 FIRST_SEED = 5_500_000  # of episodes that nothing was tuned or chosen on
 ENCODER_SD = 1e-3  # mm: of motor positions, which are measured exactly
@@ -125,7 +127,8 @@ def watch(env: EnvConfig, controller: Controller, episodes: int) -> Watched:
     envs = make_vector_env(env, episodes)
     envs.autoreset_mode = AutoresetMode.DISABLED
     observation, info = envs.reset(seed=list(range(FIRST_SEED, FIRST_SEED + episodes)))
-    drawn, scale = info["sampled"], envs.task.config.action_scale_mm
+    drawn, scale, actuation = info["sampled"], envs.task.config.action_scale_mm, envs.task.config.actuation
+    most = 0.0 if actuation.limit_at == "motor" else np.inf  # where motors stop, tendons do not move
     controller.begin(envs.task, episodes)
     tangents = [envs.tangent()]
     shifts = [np.zeros_like(tangents[0].motors)]
@@ -134,7 +137,7 @@ def watch(env: EnvConfig, controller: Controller, episodes: int) -> Watched:
         observation, _, _, _, info = envs.step(actions)
         tangents.append(envs.tangent())
         ways = tangents[-1].motors - (tangents[-2].motors - scale * actions)
-        shifts.append(np.where(np.abs(ways) > YIELD, ways, 0.0))
+        shifts.append(np.where(np.abs(ways) > YIELD + 2.0 * actuation.dead_band_mm, np.minimum(ways, most), 0.0))
     envs.close()
     motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
     return Watched(envs.task, drawn, motors, np.stack(shifts, axis=1), tips, info["error_mm"])
@@ -157,15 +160,14 @@ def follow_arm(watched: Watched) -> tuple[ArmPrior, ArmRows]:
     config, arm, drawn = watched.task.config, watched.task.mechanism, watched.drawn
     prior = ArmPrior.of(arm, arm_ranges(config))
     mu = drawn["friction_mu"][:, : prior.layout.hinges - prior.layout.holes]
+    cells = [drawn["tension_gains"], drawn["tension_offsets"]] if config.sensing.cells_err else []
     truth = np.hstack([
         drawn["gravity"][:, :2], drawn["payloads"][:, :1], drawn["actuator_offsets"],
         drawn["stiffnesses"] / arm.stiffnesses, 0.5 * drawn["play_mm"], drawn["sheath_friction"],
-        drawn["motor_starts"] / drawn["play_mm"], np.maximum(mu, prior.low[prior.layout.holes]),
+        drawn["motor_starts"] / drawn["play_mm"], *cells, np.maximum(mu, prior.low[prior.layout.holes]),
         drawn["hinge_stiffnesses"] / arm.joint_stiffnesses, drawn["weights"] / arm.weights,
     ])  # fmt: skip
-    low, high = config.tension_range
-    noise, presliding = config.sensing.tension_noise, config.friction.presliding
-    law = ArmLaw(config.start_tension, ENCODER_SD, low, high, LIMIT_SD, noise, 0.0, np.inf, presliding)
+    law = arm_law(config, ENCODER_SD, LIMIT_SD, config.sensing.tension_noise, robust=np.inf)
     episodes, steps, _ = watched.motors.shape
     unread = np.zeros_like(watched.motors)  # tensions count by their derivatives alone
     pictures = np.zeros((episodes, steps, 0, 3))
@@ -258,14 +260,14 @@ def estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and controller."""
-    worlds = [*POLICIES, ARM]
+    worlds = [*POLICIES, *ARMS]
     parser = argparse.ArgumentParser(description="How well the tip can be known where nobody sees it.")
     parser.add_argument("--episodes", type=int, default=300)
-    parser.add_argument("--worlds", nargs="+", choices=worlds, default=worlds)
+    parser.add_argument("--worlds", nargs="+", choices=worlds, default=worlds[:-1])
     arguments = parser.parse_args(argv)
     rows = []
     for world in arguments.worlds:
-        if world == ARM:
+        if world in ARMS:
             continue
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
@@ -274,14 +276,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
     if rows:
         print(markdown_table(heads, rows))
-    if ARM in arguments.worlds:
-        env = EnvConfig(f"rj_gym/{ARM}-v0")
-        drivers = {name: tuned_controllers(env.id)[name] for name in ARM_DRIVERS} | {
-            ARM_POLICY: load_policy(ARM_POLICY, version=0)
-        }
+    for world in ARMS.keys() & set(arguments.worlds):
+        env = EnvConfig(ARMS[world])
+        drivers: dict[str, Any] = {name: tuned_controllers(env.id)[name] for name in ARM_DRIVERS}
+        drivers |= {each.name: each for each in shipped_policies() if each.environment.id == env.id}
         rows = [[name, *arm_estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
         known = "can be known [mm]", "offsets known [mm]", "beads known [mm]"
-        print(markdown_table(("driven by", "its error [mm]", *known, "episodes"), rows))
+        print(markdown_table((f"{world}, driven by", "its error [mm]", *known, "episodes"), rows))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Could one source serve kernels and tensors? python benchmarks/one_source.py.
 
-The parts of rollingjoint/kernels that evaluate a planar chain of five joints and take a Newton step from there run
+The parts of rollingjoint/kernels that evaluate a planar chain of four joints and take a Newton step from there run
 unchanged on tensors, (B,) each, which stand where kernels have numbers: poses, gaps, tendons, dead loads, residual,
 factor of the stiffness, step. Traced once, they are compiled by torch.compile and compared with the formulas that are
 written for tensors (rollingjoint/differentiable), by which both look joints up in the tables. The gate: residuals equal
@@ -25,8 +25,8 @@ from torch.fx.experimental.proxy_tensor import make_fx
 
 from rollingjoint import five_link
 from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.side_by_side import TabulatedChain
 from rollingjoint.differentiable.statics import Law
-from rollingjoint.differentiable.tabulated import TabulatedChain
 from rollingjoint.kernels import lanes, planar_loads, rolling, rolling_lanes, tendons
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.tables import markdown_table

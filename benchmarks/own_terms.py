@@ -1,4 +1,4 @@
-"""Rates of vector environments with own terms beside the plain task: the table of docs/your_task.md.
+"""Rates of vector environments with own terms beside the plain task, the table of docs/your_task.md, and of wrappers.
 
 python benchmarks/own_terms.py
 """
@@ -12,13 +12,33 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numba
 import numpy as np
+from gymnasium.vector import VectorRewardWrapper
 
+from agents.runs.consent import Consent, allowing
+from agents.runs.environment import EnvConfig, make_lanes
 from rj_gym import Memory, RollingJointEnv, RollingJointVectorEnv, Terms
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "your_task.md"
 LANES, REPEATS, EPISODE = (1, 64, 1024), 15, 200
+
+
+class Half(gymnasium.RewardWrapper):
+    """Half the reward of one environment."""
+
+    def reward(self, reward: Any) -> Any:
+        """Half of it."""
+        return 0.5 * reward
+
+
+class Halves(VectorRewardWrapper):
+    """Half the rewards of all lanes."""
+
+    def rewards(self, rewards: Any) -> Any:
+        """Half of them."""
+        return 0.5 * rewards
 
 
 def near(step: Any) -> Any:
@@ -62,6 +82,14 @@ def main() -> None:
         rates |= {(name, lanes): lanes / statistics.median(times) for name, times in taken.items()}
     for name in variants:
         print(f"| {name} |", *(f"{rates[name, lanes]:,.0f} |" for lanes in LANES))
+    print("\n| 64 lanes for Stable-Baselines3 | steps/s |\n|---|---|")
+    here = Path(__file__).stem
+    named = {"no wrapper": "", "VectorRewardWrapper": f"{here}:Halves", "RewardWrapper": f"{here}:Half"}
+    with allowing(Consent(modules=(__file__,))):
+        for kind, name in named.items():
+            step = stepping_for_sb3([{name: {}}] if name else [])
+            rate = 64 / statistics.median(seconds(step, 64) for _ in range(REPEATS))
+            print(f"| {kind} | {rate:,.0f} |")
 
 
 def stepping(terms: Terms, lanes: int) -> Callable[[], Any]:
@@ -80,6 +108,15 @@ def stepping(terms: Terms, lanes: int) -> Callable[[], Any]:
     vector.reset(seed=0)
     actions = np.zeros((lanes, 2), np.float32)
     return lambda: vector.step(actions)
+
+
+def stepping_for_sb3(wrappers: list[dict[str, Any]]) -> Callable[[], Any]:
+    """A step of 64 lanes in wrappers, as a training configuration makes them."""
+    lanes = make_lanes(EnvConfig(settings={"episode_steps": EPISODE}), 64, wrappers)
+    lanes.seed(0)
+    lanes.reset()
+    actions = np.zeros((64, 2), np.float32)
+    return lambda: lanes.step(actions)
 
 
 def seconds(step: Callable[[], Any], lanes: int) -> float:

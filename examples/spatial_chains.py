@@ -19,7 +19,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import rollingjoint as rj
-from rollingjoint.cad import spatial_bodies, spatial_solid
+from rollingjoint.cad import Fabrication, spatial_bodies, spatial_solid
 from rollingjoint.plotting import plot_arm, save_figure
 from rollingjoint.tables import text_table
 
@@ -39,7 +39,14 @@ def main(argv: list[str] | None = None) -> None:
     counts = {share: {name: failures(with_half_width(share * 3.0), *load) for name, load in LOADS.items()}
               for share in SHARES}  # fmt: skip
     print("\n".join(table(counts)))
-    pictures = {"spatial": draw_chains(), "spatial_widths": draw_widths(), "cad_space": draw_bodies()}
+    tube = rj.solve_tensions(rj.pitch_yaw(5), [2.0, 2.5, 3.0, 2.0])
+    arm = rj.solve_tensions(rj.small_arm(4), [4.0, 3.0, 1.0, 1.0])
+    pictures = {
+        "spatial": draw_chains(),
+        "spatial_widths": draw_widths(),
+        "cad_space": draw_bodies(tube, Fabrication(), 0.6),
+        "cad_beads": draw_bodies(arm, Fabrication(channel_diameter=1.5, bore=4.0, thickness=10.0), 1.0),
+    }
     for name, figure in pictures.items():
         print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=80)}")
         pyplot.close(figure)
@@ -108,29 +115,28 @@ def draw_widths() -> pyplot.Figure:
     return figure
 
 
-def draw_bodies() -> pyplot.Figure:
-    """One link of pitch_yaw as its STL file has it, and the first links bent by their tendons."""
-    bent = rj.solve_tensions(rj.pitch_yaw(5), [2.0, 2.5, 3.0, 2.0])
-    solids = [spatial_solid(body, link) for link, body in enumerate(spatial_bodies(bent.mechanism))]
+def draw_bodies(bent: Any, making: Fabrication, size: float) -> pyplot.Figure:
+    """One link as its STL file has it, and all links bent by their tendons, drawn in triangles of this size [mm]."""
+    solids = [spatial_solid(body, link) for link, body in enumerate(spatial_bodies(bent.mechanism, making))]
     placed = [solid.copy().apply_transform(pose) for solid, pose in zip(solids, bent.poses, strict=True)]
     figure = pyplot.figure(figsize=(10, 4.6), layout="constrained")
     for place, (title, drawn) in enumerate({"link 1": solids[1:2], "bent by its tendons": placed}.items(), start=1):
         ax = figure.add_subplot(1, 2, place, projection="3d")
         ax.view_init(24, -60)
-        triangles = np.concatenate([front_of(solid) for solid in drawn])
+        triangles = np.concatenate([front_of(solid, size) for solid in drawn])
         light = LightSource(azdeg=200, altdeg=50)
         ax.add_collection3d(Poly3DCollection(triangles, facecolors="#a9b8cf", shade=True, lightsource=light,
                                              antialiaseds=False))  # fmt: skip
         ax.auto_scale_xyz(*triangles.reshape(-1, 3).T)
         ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", title=title)
-        ax.set_aspect("equal")
-        ax.set_box_aspect(None, zoom=0.85)
+        ax.locator_params(nbins=4)
+        ax.set_box_aspect([np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())], zoom=0.85)
     return figure
 
 
-def front_of(solid: Any) -> np.ndarray:
+def front_of(solid: Any, size: float) -> np.ndarray:
     """The triangles that face the camera, in small pieces that matplotlib can sort, (k, 3, 3)."""
-    pieces = solid.subdivide_to_size(0.6)
+    pieces = solid.subdivide_to_size(size)
     elevation, azimuth = np.radians([24.0, -60.0])
     camera = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     return np.asarray(pieces.triangles[pieces.face_normals @ camera > 0.0])

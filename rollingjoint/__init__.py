@@ -25,6 +25,7 @@ Modules:
     profile: contact surfaces and their curvature.
     spatial: second opinions on arms.
     statics: the solvers, and derivatives.
+    surroundings: walls, lumens and obstacles around planar chains.
     tables: tables as text and Markdown.
     threads: rows of a batch spread over threads.
     transmission: play, sheath and limits of tension between motors and tendons.
@@ -64,28 +65,45 @@ from rollingjoint.statics.loop import Loop, trace_loop
 from rollingjoint.statics.problem import Problem, prepare
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.statics.trace import trace
+from rollingjoint.surroundings import (
+    Bare,
+    Capsule,
+    Disc,
+    HalfPlane,
+    Lumen,
+    Polygon,
+    Sleeve,
+    Surroundings,
+    WallFriction,
+)
 from rollingjoint.threads import set_threads
 
 __version__ = "0.1.0"
 
 __all__ = [
     "PRESETS",
+    "Bare",
     "Bead",
     "BeadTendon",
     "BodyWrench",
     "CapstanFriction",
+    "Capsule",
     "ConfigError",
+    "Disc",
     "Equilibrium",
     "FrictionState",
     "Gravity",
+    "HalfPlane",
     "HingeChain",
     "HingeEquilibrium",
     "InvalidInput",
     "Link",
     "Loop",
+    "Lumen",
     "MechanismError",
     "OnSurface",
     "PointHinge",
+    "Polygon",
     "Problem",
     "Profile",
     "Reach",
@@ -93,6 +111,7 @@ __all__ = [
     "RollingChain",
     "RollingContact",
     "RollingJointError",
+    "Sleeve",
     "SolverError",
     "SpaceTendon",
     "SpatialChain",
@@ -101,8 +120,10 @@ __all__ = [
     "Spring",
     "Status",
     "Surface",
+    "Surroundings",
     "Tendon",
     "TorsionSpring",
+    "WallFriction",
     "WorldForce",
     "all_solutions",
     "five_link",

@@ -27,7 +27,7 @@ Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission
     limited_tension, at_limit: the limits of tension of a motor.
     pull_limit, pull_end: a motor with a limit of the tension before its sheath.
     FREE: how near to its command a tendon is at no limit [mm]. NARROW: half the width of a play that is none [mm].
-    unstretched_length, motor_yield: positions of a tendon and its motor after a limit.
+    unstretched_length, motor_yield, paid_out: positions of a tendon and its motor after a limit.
 Solvers:
     BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
         PinnedRange solves ranges of its rows, step_range with friction.
@@ -74,6 +74,7 @@ from rollingjoint.transmission.kernels import (
     at_limit,
     limited_tension,
     motor_yield,
+    paid_out,
     play_contact,
     play_inverse,
     play_place,
@@ -120,6 +121,7 @@ __all__ = [
     "motor_yield",
     "new_friction_arrays",
     "next_uniform",
+    "paid_out",
     "part",
     "play_contact",
     "play_inverse",

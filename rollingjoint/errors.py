@@ -50,6 +50,8 @@ _EXTRAS = {  # of pyproject.toml, and the packages that they bring; of several t
     "cluster": ("ray",),
     "onnx": ("onnx", "onnxruntime"),
     "data": ("minari", "h5py"),
+    "video": ("moviepy",),
+    "track": ("wandb",),
     "view": ("viser", *_PLOT),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d", *_PLOT),
 }

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import math
+import os
+import select
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 
@@ -89,3 +92,24 @@ def print_any_character() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+@contextmanager
+def readers_may_leave() -> Iterator[None]:
+    """A context whose command ends without a word where the reader of standard output, such as `head`, has gone."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()  # here, where Python can still be told; it also ends a command by SystemExit
+    except BrokenPipeError:
+        if not _reader_has_gone():  # a pipe to another process
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _reader_has_gone() -> bool:
+    """Whether standard output is a pipe that nobody reads."""
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), select.POLLOUT)
+    return any(events & select.POLLERR for _, events in poll.poll(0))

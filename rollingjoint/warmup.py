@@ -26,6 +26,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import five_link, pitch_yaw, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.inverse import reach
+from rollingjoint.statics.reactions import hinge_reactions
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
 ENTRY_POINTS = "rollingjoint.kernels"
@@ -279,7 +280,7 @@ def arm_solver() -> None:
     """Solve an arm."""
     arm = small_arm()
     taut = solve_tensions(arm, np.ones(arm.n_tendons))
-    assert taut.stiffness.size and taut.friction_state.states.size
+    assert taut.stiffness.size and taut.friction_state.states.size and hinge_reactions(taut).size
 
 
 def arm_batches() -> None:

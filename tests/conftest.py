@@ -2,6 +2,7 @@
 
 import gc
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,12 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell ignores Ctrl-C
 
 ROOT = Path(__file__).resolve().parent.parent
+
+BROWSER_FLAGS = """
+--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
+--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
+"""
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 # Modules whose tests share what takes long to make: runs, a search, a process to fork from, what ribs compiles.
 ON_ONE_WORKER = {
@@ -68,6 +75,19 @@ def sources_first() -> dict[str, str]:
     """An environment in which a program imports the packages from the sources."""
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium of the operating system, driven by Playwright."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("no Chromium: install your system's, for example apt install chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=found, args=BROWSER_FLAGS.split())
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture

@@ -411,3 +411,9 @@ def test_kernels_own_source_gives_what_is_written_for_tensors():
     case = one_source.Case(7)
     for one, other in zip(case.shared_by(one_source.SharedSource()), case.written_for_tensors(), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+def test_solves_and_gradients_of_tensors_are_timed():
+    import tensors
+
+    assert len(tensors.measured((2,))) == 5 and min(tensors.measured((2,)).values()) > 0.0

@@ -24,6 +24,7 @@ PAGE = (ROOT / "docs/install.md").read_text("utf-8")
 DISTRIBUTIONS = {"PIL": "pillow", "h5py": "minari[hdf5]", "minari": "minari[hdf5]"}
 DRAWING = ("matplotlib", "PIL", "pygame")
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+NOT_LOCKED = {"video", "track"}  # 250 MB whose tests need none of it
 LOCKED = ("constraints.txt", ".ci/uv.txt", ".ci/wheel.txt")
 ENTRY = re.compile(
     r"(\S+==[^;\\]+(?: ; [^\\]+)?) \\\n((?:    --hash=sha256:[0-9a-f]{64} \\\n)*    --hash=sha256:[0-9a-f]{64})\n"
@@ -116,7 +117,9 @@ def test_an_installation_is_of_exact_releases_with_hashes(name):
 
 def test_what_pyproject_asks_for_is_locked_within_its_bounds():
     releases = {canonicalize_name(one.name): str(one.specifier)[2:] for one in locked("constraints.txt")}
-    everything = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in requirements(extra))]
+    installed = re.search(r"^EXTRAS := (\S+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)[1].split(",")
+    assert {*installed} == EXTRAS.keys() - NOT_LOCKED - {"plot", "design"}  # these come with others
+    everything = [*PROJECT["dependencies"], *(one for extra in installed for one in requirements(extra))]
     wanted = [(canonicalize_name(one.name), one.specifier) for one in map(Requirement, everything)]
     assert [name for name, bounds in wanted if not bounds.contains(releases[name])] == []
 

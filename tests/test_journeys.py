@@ -54,7 +54,7 @@ def test_every_listed_statement_exists(statements, capsys):
 
 def test_a_listed_statement_that_has_moved_is_told(statements, monkeypatch, tmp_path, capsys):
     page = tmp_path / "architecture.md"
-    page.write_text(statements.PAGE.read_text("utf-8").replace(": Law.of`", ": Law.at`"), "utf-8")
+    page.write_text(statements.PAGE.read_text("utf-8").replace(": gap_rates`", ": gap_rate`"), "utf-8")
     monkeypatch.setattr(statements, "PAGE", page)
     assert statements.main() == 1
-    assert "statics.py:? Law.at" in capsys.readouterr().out
+    assert "joints.py:? gap_rate" in capsys.readouterr().out

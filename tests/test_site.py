@@ -4,8 +4,10 @@ import importlib
 import inspect
 import os
 import re
+import shutil
 import subprocess
 import sys
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -21,13 +23,14 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "docs" / "_pages"))
 import environments  # noqa: E402
 import formulas  # noqa: E402
+import math_font  # noqa: E402
 import reference  # noqa: E402
 import repository  # noqa: E402
 
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 NAV = re.findall(r"[\w./-]+\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)
 # A command, what `rollingjoint` has of it, and a room that may still change.
-NOT_FOR_USERS = {"rollingjoint.cli", "rollingjoint.load", "rollingjoint.estimate"}
+NOT_FOR_USERS = {"rollingjoint.cli", "rollingjoint.load", "rollingjoint.surroundings", "rollingjoint.estimate"}
 
 
 def without_docstring(name, value):
@@ -92,6 +95,19 @@ def test_formulas_become_mathml_and_code_stays():
     assert '<div class="formula"><math' in page and "<msup><mi>x</mi><mn>2</mn></msup>" in page
 
 
+def test_columns_of_a_formula_are_a_table():
+    page = formulas.with_formulas("```math\n\\begin{aligned}\na &= b \\\\\nc &= d\n\\end{aligned}\n```\n")
+    assert page.count("<mtr>") == 2 and page.count("<mtd ") == 4 and "&</mi>" not in page
+
+
+def test_the_font_of_formulas_has_its_characters():
+    font_tools = pytest.importorskip("fontTools.ttLib", reason="comes with matplotlib")
+    pytest.importorskip("brotli", reason="fonttools reads WOFF2 with it")
+    font = font_tools.TTFont(math_font.FONT)
+    assert {chr(code) for code in font.getBestCmap()} >= math_font.CHARACTERS
+    assert "MATH" in font and font["name"].getDebugName(1) == math_font.NAME and math_font.FONT.stat().st_size < 100_000
+
+
 def code(notebook):
     return [cell for cell in nbformat.read(notebook, 4).cells if cell.cell_type == "code"]
 
@@ -135,12 +151,16 @@ class Links(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("site")
-    quiet = sources_first() | {"NO_MKDOCS_2_WARNING": "1"}
-    for command in (["docs/_pages"], ["-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]):
-        done = subprocess.run([sys.executable, *command], cwd=ROOT, env=quiet, capture_output=True, text=True)
-        assert done.returncode == 0 and "WARNING" not in done.stderr, done.stderr
-    return {path: Links(path) for path in folder.rglob("*.html") if path.name != "404.html"}
+    project = tmp_path_factory.mktemp("site")
+    config = (ROOT / "mkdocs.yml").read_text("utf-8").replace("docs_dir: build/docs", "docs_dir: docs")
+    (project / "mkdocs.yml").write_text(config.replace("paths: [.]", f"paths: [{ROOT}]"), "utf-8")
+    run = {"env": sources_first(), "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "docs/_pages"], cwd=ROOT, **run)
+    assert done.returncode == 0 and "WARNING" not in done.stderr, done.stderr
+    shutil.copytree(ROOT / "build" / "docs", project / "docs")
+    done = subprocess.run([sys.executable, "-m", "zensical", "build", "--strict"], cwd=project, **run)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return {path: Links(path) for path in (project / "site").rglob("*.html") if path.name != "404.html"}
 
 
 @pytest.mark.slow
@@ -156,6 +176,29 @@ def test_every_link_of_the_site_resolves(site):
             if not (there if target.suffix == ".html" else target.exists()):
                 broken.append(f"{page.name}: {link}")
     assert broken == []
+
+
+@pytest.mark.slow
+def test_formulas_have_no_character_that_their_font_lacks(site):
+    formulas_of = [re.findall(r"<math.*?</math>", page.read_text("utf-8"), re.DOTALL) for page in site]
+    letters = {letter for found in formulas_of for each in found for letter in unescape(re.sub("<.*?>", "", each))}
+    assert len(letters) > 100 and "".join(sorted(letters - math_font.CHARACTERS - {"\n"})) == ""
+
+
+@pytest.mark.slow
+def test_search_and_formulas_work_in_a_browser_from_disk(site, browser):
+    (theory,) = (page for page in site if page.name == "theory.html")
+    window = browser.new_page(viewport={"width": 390, "height": 800})
+    failed = []
+    window.on("requestfailed", lambda request: failed.append(request.url))
+    window.goto(theory.as_uri())
+    assert window.evaluate("document.fonts.load('16px \"Rolling-joint Formulas\"').then(found => found.length)") == 1
+    assert window.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
+    window.keyboard.press("Control+k")
+    window.keyboard.type("own mechanism")
+    window.get_by_role("link", name="Mechanism files").first.wait_for(timeout=20_000)
+    assert failed == []
+    window.close()
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import sys
 import tomllib
 import zipfile
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,30 @@ def test_every_command_of_the_controllers_is_one_of_rj():
     there = {path.stem for path in (ROOT / "agents").glob("*.py")} - {"__init__", "shipped"}
     there |= {f"{path.parent.name}.__main__" for path in (ROOT / "agents").glob("*/__main__.py")}
     assert modules == there
+
+
+@pytest.fixture
+def page_of_index():
+    """The function of setup.py."""
+    pytest.importorskip("setuptools")
+    spec = spec_from_file_location("setup_of_the_wheel", ROOT / "setup.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.page_of_index
+
+
+@pytest.mark.parametrize("address", [None, "https://example.org/joint"])
+def test_links_on_the_page_of_an_index_lead_somewhere(address, page_of_index):
+    page = page_of_index((ROOT / "README.md").read_text("utf-8"), address)
+    links = re.findall(r"\]\(([^)]*)\)", page)
+    assert [link for link in links if "://" not in link] == []
+    assert "docs/friction.md" in page and ("example.org/joint/raw/main/docs/images/demo.gif" in page) is bool(address)
+    assert bool(links) is bool(address)
+
+
+def test_the_address_of_the_repository_is_set_in_one_place(page_of_index):
+    assert page_of_index("![a](b.png) [c](d.md#e) [f](https://g.h)", None) == " c [f](https://g.h)"
+    assert "readme" in PROJECT["dynamic"] and PROJECT.get("urls", {}).keys() <= {"Repository"}
 
 
 def _all_but_sources(folder: str, names: list[str]) -> list[str]:

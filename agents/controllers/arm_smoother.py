@@ -1,4 +1,4 @@
-"""The smoother of an arm whose tip nobody sees, from the settings of its task."""
+"""The smoother of an arm or a chain in space whose tip nobody sees, from the settings of its task."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any, cast
 
 from rj_gym.tracking.config import FlexibleArmConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import HingeChain
+from rollingjoint import HingeChain, SpatialChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import LARGEST_TILT, ArmEffort, ArmLaw, ArmPrior, ArmRanges, ArmSmoother
+from rollingjoint.estimate import LARGEST_TILT, ArmEffort, ArmLaw, ArmPrior, ArmRanges, ArmSmoother, is_served
 
 
 def check_arm(task: TrackingTask) -> FlexibleArmConfig:
     """The settings of a task with an arm, one that the smoother knows; raises InvalidInput for others."""
     config, arm, hint = cast(FlexibleArmConfig, task.config), task.mechanism, "That is what the smoother knows."
-    if arm.springs or arm.model != "exact" or not config.has_friction(arm) or config.friction is None:
-        raise InvalidInput("mechanism", arm, "an arm with exact tendons and drawn friction, without springs", hint)
+    if not is_served(arm) or not config.has_friction(arm) or config.friction is None:
+        allowed = "exact tendons and drawn friction, without springs and rolling resistance"
+        raise InvalidInput("mechanism", arm, allowed, hint)
     if config.load.process != "constant":
         raise InvalidInput("load.process", config.load.process, "'constant'", hint)
     if config.gravity.tilt[1] > LARGEST_TILT:
         raise InvalidInput("gravity.tilt", config.gravity.tilt, f"angles up to {LARGEST_TILT:g} rad", hint)
-    if config.start != "equal" or config.actuation.limit_at != "tendon":
-        raise InvalidInput("start", config.start, "'equal', with limits of tension at the tendons", hint)
-    cells = config.sensing.tension_at, config.sensing.tension_gain_error, config.sensing.tension_offset
-    if config.sensing.pose != "none" or cells != ("motor", 0.0, 0.0):
-        raise InvalidInput("sensing", config.sensing, "no pose, and load cells at the motors without errors", hint)
+    if config.start == "random":
+        raise InvalidInput("start", config.start, "'equal' or 'measured'", hint)
+    if config.sensing.pose != "none":
+        raise InvalidInput("sensing.pose", config.sensing.pose, "'none'", hint)
     if not config.observe_tensions:
         raise InvalidInput("observe_tensions", False, "True", "The smoother needs measured tensions.")
     return config
@@ -33,7 +33,7 @@ def check_arm(task: TrackingTask) -> FlexibleArmConfig:
 
 def arm_ranges(config: FlexibleArmConfig) -> ArmRanges:
     """The ranges of the hidden numbers of an arm's task that has friction."""
-    random, actuation, friction = config.randomization, config.actuation, config.friction
+    random, actuation, friction, sensing = config.randomization, config.actuation, config.friction, config.sensing
     mu = (0.0, 0.0) if friction is None else friction.mu
     low, high = mu if isinstance(mu, tuple) else (mu, mu)
 
@@ -50,7 +50,34 @@ def arm_ranges(config: FlexibleArmConfig) -> ArmRanges:
         play_mm=actuation.play_mm,
         sheath_friction=actuation.sheath_friction,
         hole_friction=(low, high),
+        gain=factors(sensing.tension_gain_error),
+        zero=(-sensing.tension_offset, sensing.tension_offset),
         shared=friction is None or friction.shared,
+    )
+
+
+def arm_law(
+    config: FlexibleArmConfig,
+    start_sd: float,
+    limit_sd: float,
+    tension_sd: float,
+    tension_share: float = 0.0,
+    robust: float = math.inf,
+) -> ArmLaw:
+    """The law of the measurements in an arm's task that has friction, with these errors."""
+    assert config.friction is not None
+    return ArmLaw(
+        start_tension=config.start_tension,
+        start_sd=start_sd,
+        low=config.yield_tensions[0],
+        high=config.yield_tensions[1],
+        limit_sd=limit_sd,
+        tension_sd=tension_sd,
+        tension_share=tension_share,
+        robust=robust,
+        presliding=config.friction.presliding,
+        cells_at_tendons=config.sensing.tension_at == "tendon",
+        measured=config.start == "measured",
     )
 
 
@@ -59,18 +86,7 @@ def arm_smoother_of(task: TrackingTask, settings: Any) -> ArmSmoother:
 
     settings: SmootherFeedbackSettings.
     """
-    config, arm, own = check_arm(task), cast(HingeChain, task.mechanism), settings.smoother
-    assert config.friction is not None
-    law = ArmLaw(
-        start_tension=config.start_tension,
-        start_sd=own.start_sd_mm,
-        low=config.tension_range[0],
-        high=config.tension_range[1],
-        limit_sd=own.limit_sd or math.inf,
-        tension_sd=own.tension_sd,
-        tension_share=own.tension_share,
-        robust=own.robust,
-        presliding=config.friction.presliding,
-    )
+    config, arm, own = check_arm(task), cast(HingeChain | SpatialChain, task.mechanism), settings.smoother
+    law = arm_law(config, own.start_sd_mm, own.limit_sd or math.inf, own.tension_sd, own.tension_share, own.robust)
     effort = ArmEffort(every=own.every, trusted_from=1 + settings.probe.length(config.action_scale_mm))
     return ArmSmoother(arm, ArmPrior.of(arm, arm_ranges(config)), law, effort, config.episode_steps + 1)

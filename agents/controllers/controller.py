@@ -14,8 +14,9 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from agents.runs.additions import Addition
 from agents.runs.consent import imported
-from agents.runs.environment import EnvConfig
+from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.tracking.arrays import AGE
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint import solve_lengths_batch
@@ -37,10 +38,12 @@ class Controller(ABC):
     Attributes:
         privileged: whether it needs the true state, which no robot measures: observations are then dictionaries, with
             the state under "privileged". Tables mark such controllers.
+        wrappers: Gymnasium's wrappers, as of a training configuration, through which it acts; others act without.
         task: the tracking task; None where the environment is not one of rj_gym.
     """
 
     privileged: bool = False
+    wrappers: Sequence[Addition] = ()
     task: Any = None
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -201,6 +204,11 @@ def env_for(env: EnvConfig, controller: Any) -> EnvConfig:
         return env
     settings: Mapping[str, object] = {**env.settings, "privileged": "observation"}
     return EnvConfig(env.id, env.n_envs, settings)
+
+
+def envs_for(env: EnvConfig, controller: Controller, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """The vector environment in which a controller acts, `count` copies; raises ConfigError as make_vector_env."""
+    return make_vector_env(env_for(env, controller), count, controller.wrappers, **arguments)
 
 
 def plain(observations: Any) -> Any:

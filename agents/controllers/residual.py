@@ -124,6 +124,7 @@ def together(outputs: Array, added: NDArray[Any]) -> NDArray[Any]:
 
 def controller_of(config: TrainConfig, policy: Controller) -> Controller:
     """The policy of a run as the controller that it is: alone, or on top of another controller."""
+    policy.wrappers = config.policy_wrappers
     if config.residual is None:
         return policy
     return ResidualPolicy(base_controller(config.residual, world_of(config.env)), policy)

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from agents.controllers.steps import tensions_within_margin
 from rj_gym.core.settings import Settings
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import HingeChain, RollingChain
+from rollingjoint import RollingChain
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import ArmSmoother, Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
@@ -175,9 +175,8 @@ class SmootherFeedback(FilterFeedback):
 
     def _ceilings(self, smoothed: Smoothed) -> Array:
         """The highest tensions that pulls reach behind the sheath, (B, m) [N]: where motors have stopped last."""
-        at, m = cast(HiddenPrior, self.smoother.prior).layout, self._stops.shape[1]  # arms have no limits at motors
-        frictions, gains, zeros = (smoothed.numbers[:, k : k + m] for k in (at.frictions, at.gains, at.zeros))
-        ceilings = (self._stops - zeros) / gains
+        at, (gains, zeros) = self.smoother.prior.layout, self.smoother.prior.cells(smoothed.numbers)
+        frictions, ceilings = smoothed.numbers[:, at.frictions : at.places], (self._stops - zeros) / gains
         if self.task.config.sensing.tension_at != "tendon":
             ceilings = pull_limit(ceilings, frictions, smoothed.half_widths)
         return np.clip(ceilings, self._held[0] + _ROOM, self._held[1])
@@ -230,10 +229,8 @@ def check_served(task: TrackingTask) -> TaskConfig:
     Friction that a task draws for the holes of its chain is not in the smoother's model: sheath friction stands for it.
     """
     config, mechanism, name = task.config, task.mechanism, "what the smoother knows"
-    if isinstance(mechanism, HingeChain):
-        return check_arm(task)
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm", f"That is {name}.")
+        return check_arm(task)
     if mechanism.has_friction or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
     if config.load.process == "step":
@@ -247,7 +244,7 @@ def check_served(task: TrackingTask) -> TaskConfig:
 
 def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother | ArmSmoother:
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
-    if isinstance(task.mechanism, HingeChain):
+    if not isinstance(task.mechanism, RollingChain):
         return arm_smoother_of(task, settings)
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing
@@ -269,8 +266,8 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
         start_tension=config.start_tension,
         start_sd=own.start_sd_mm if config.start == "equal" else math.inf,
         shown_sd=own.shown_sd if config.start == "measured" else math.inf,
-        low=config.tension_range[0],
-        high=_high_limit(config),
+        low=config.yield_tensions[0],
+        high=config.yield_tensions[1],
         limit_sd=own.limit_sd or math.inf,
         cells_at_tendons=sensing.tension_at == "tendon",
         tension_sd=own.tension_sd,
@@ -298,10 +295,3 @@ def _explained(task: TrackingTask, settings: SmootherSettings) -> float:
     pictures = 0.5 * min(1.0 / settings.picture_share, 1.0) ** 2
     shown = 0.0 if sensing.pose == "none" else 3.0 * mechanism.n_joints / sensing.period
     return (mechanism.n_tendons * tensions + shown * pictures) / (mechanism.n_tendons + shown)
-
-
-def _high_limit(config: TaskConfig) -> float:
-    """The tension at which motors give way and take tendons along; inf where it is not known [N]."""
-    actuation = config.actuation
-    low, high = actuation.tension_limit or (config.tension_range[1],) * 2
-    return high if low == high and actuation.limit_at == "tendon" else math.inf

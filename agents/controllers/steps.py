@@ -160,7 +160,7 @@ def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Any]) -> Equilibria
 
 
 def _array_names(equilibria: Any) -> list[str]:
-    return [field.name for field in fields(equilibria) if field.name not in ("mechanism", "friction")]
+    return [field.name for field in fields(equilibria) if field.name not in ("mechanism", "friction", "walls")]
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

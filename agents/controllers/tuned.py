@@ -119,6 +119,7 @@ _FALL_BACK = {
     "rj_gym/InstrumentShift-v0": "probing bank",
     "rj_gym/SlowCamera-v0": "bank of filters",
     "rj_gym/LatePose-v0": "bank of filters",
+    "rj_gym/ArmInstrument-v0": "probing filter",
 }
 """The banks that smoothers fall back on, by world."""
 
@@ -194,7 +195,6 @@ _ARM_SMOOTHER: Space = (
     | _below("feedback", {"damping": LogUniform(0.05, 1.0), "crossing": Uniform(0.5, 1.1)})
     | _SHORT_PROBE
 )
-_OF_ARMS = Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)
 
 
 def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]) -> Settings:
@@ -229,18 +229,16 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
-    "rj_gym/ArmInstrument-v0": _BLIND_ARM | {"smoother": _OF_ARMS},
+    "rj_gym/ArmInstrument-v0": _BLIND_ARM
+    | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
     f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
 
 def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
-    """The controllers of a later version: its smoother falls back on the bank with the settings of this version.
-
-    The smoother of arms knows no errors of load cells.
-    """
-    controllers = {name: each for name, each in _FIRST[first].items() if each is not _OF_ARMS}
+    """The controllers of a later version: its smoother falls back on the bank with the settings of this version."""
+    controllers = dict(_FIRST[first])
     if first in _FALL_BACK:
         controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
     return controllers

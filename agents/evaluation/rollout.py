@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Array, Controller, as_controller, env_for
-from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
+from agents.controllers.controller import Array, Controller, as_controller, envs_for
+from agents.runs.environment import EnvConfig, tip_errors
 from rollingjoint.errors import InvalidInput
 
 LAST_STEPS = 10
@@ -109,8 +109,8 @@ def _side_by_side(
 ) -> Episodes:
     """One episode per seed, all at a time, each to its end; `watch` is called at every state."""
     controller = as_controller(controller)
-    envs = make_vector_env(env_for(env, controller), len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
-    task = getattr(envs, "task", None) if env.is_tracking else None
+    envs = envs_for(env, controller, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
+    task = getattr(envs.unwrapped, "task", None) if env.is_tracking else None
     observation, info = _begun(envs, [int(seed) for seed in seeds], options)
     controller.begin(task, len(seeds))
     drawn = info.get("sampled", {}) if task and not options else {}

@@ -15,7 +15,7 @@ from agents.policies.conversion import algorithm_of, network_of
 from agents.policies.errors import PolicyError
 from agents.policies.pickled import load_pickled
 from agents.policies.shipped import ShippedPolicy, check_tracks, entry_names, is_goal, standalone
-from agents.policies.trained import read_trained
+from agents.policies.trained import check_unwrapped, read_trained
 from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
@@ -66,6 +66,7 @@ def _exported(run: RunFolder, files: PolicyFiles, name: str, unpickle: bool) -> 
     if config.residual is not None:
         allowed, hint = "null: a policy that acts alone", "rj evaluate scores the run folder with its controller."
         raise PolicyError("residual", config.residual, allowed, hint)
+    check_unwrapped(config)
     if not unpickle:
         trained = read_trained(files)
         training = _training(run, config, trained.steps)

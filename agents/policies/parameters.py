@@ -10,7 +10,7 @@ import gymnasium
 from agents.controllers.policy import Policy
 from agents.runs.algorithms import ON_POLICY, algorithm_class
 from agents.runs.config import TrainConfig
-from agents.runs.environment import make_env
+from agents.runs.environment import make_lanes
 from agents.runs.files import RunFolderError
 from agents.runs.state_file import packed, unpacked
 
@@ -25,10 +25,10 @@ def parameters_of(model: Any, normaliser: Any) -> bytes:
 def load_parameters(config: TrainConfig, path: Path) -> Policy:
     """The policy of a run with this configuration; raises RunFolderError for a file that it does not fit."""
     import torch
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+    from stable_baselines3.common.vec_env import VecNormalize
 
     torch.set_num_threads(config.torch_threads)
-    env = DummyVecEnv([lambda: make_env(config.env)])
+    env = make_lanes(config.env, 1, config.policy_wrappers)
     space: Any = env.observation_space
     try:
         state = unpacked(path.read_bytes(), str(path))

@@ -18,6 +18,8 @@ from agents.policies.layers import Vectors
 from agents.policies.parameters import load_parameters
 from agents.policies.pickled import load_pickled
 from agents.runs.checks import integer, number
+from agents.runs.config import TrainConfig
+from agents.runs.files import RunFolderError
 from agents.runs.folder import PolicyFiles, RunFolder
 from rollingjoint.checked_yaml import mapping, text
 
@@ -110,6 +112,20 @@ def read_trained(files: PolicyFiles) -> TrainedPolicy:
     return TrainedPolicy.from_bytes(read_bytes(files.network, LARGEST_FILE), str(files.network))
 
 
-def load_driving(run: RunFolder, which: str = "best") -> Controller:
-    """The policy of a run folder as a controller, alone or added to its guide; raises as load_trained."""
+def load_driving(run: RunFolder, which: str = "best", in_wrappers: bool = False) -> Controller:
+    """The policy of a run folder as a controller, alone or added to its guide; raises as load_trained.
+
+    Args:
+        in_wrappers: whether the caller makes its environment by `envs_for`, in the wrappers of its training; else a
+            policy that needs them is refused.
+    """
+    if not in_wrappers:
+        check_unwrapped(run.config())
     return controller_of(run.config(), load_trained(run, which))
+
+
+def check_unwrapped(config: TrainConfig) -> None:
+    """Raise RunFolderError for a policy that acts through wrappers."""
+    names = [name for each in config.policy_wrappers for name in each]
+    if names:
+        raise RunFolderError("wrappers", names, "[], or wrappers of rewards alone", "rj evaluate makes them again.")

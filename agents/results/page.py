@@ -175,18 +175,18 @@ class Tables:
 
 def summary_table(tables: Sequence[Tables]) -> str:
     """A line per benchmark: the best trained controller and the best opponent of the validation episodes."""
-    head = ("task", "best learner", "mean [mm]", "best opponent", "mean [mm]", "difference [mm]", FLOOR, "learning")
+    head = ("task", "learning", "best learner", "mean [mm]", "best opponent", "mean [mm]", "difference [mm]", FLOOR)
     rows = []
     for standing in (table.worlds[0] for table in tables):
         title, names = standing.record.title, (standing.policy, standing.baseline)
-        cells = [f"[{title}](#{_anchor(title)})"]
+        cells = [f"[{title}](#{_anchor(title)})", in_short(standing)]
         for name in names:
             cells += ["-", ""] if name is None else [name, with_interval(standing.mean(name), mm)]
         difference = None if None in names else standing.compare(*names).difference  # type: ignore[arg-type]
         floors = standing.world.known_floors
         cells += ["" if difference is None else with_interval(difference, mm)]
-        rows.append([*cells, mm(float(floors.mean())) if len(floors) else "unknown", in_short(standing)])
-    return markdown_table(head, rows)
+        rows.append([*cells, mm(float(floors.mean())) if len(floors) else "unknown"])
+    return markdown_table(head, rows, left=2)
 
 
 def _costs(tables: Sequence[Tables]) -> list[str]:

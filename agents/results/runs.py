@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.controller import Array
-from agents.policies.trained import load_trained
+from agents.policies.trained import load_driving
 from agents.results.environment import common, episodes_key
 from agents.runs.algorithms import PARAMETERS
 from agents.runs.config import TrainConfig
@@ -52,7 +52,7 @@ class FinishedRun:
             hint = f"To go on: rj train --resume {path}"
             raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
-            load_trained(folder, CHECKPOINT)
+            load_driving(folder, CHECKPOINT)
             return cls(folder, config, sum(stage.training_seconds for stage in stages(folder)), _curve(folder))
         except RollingJointError:
             raise

@@ -6,6 +6,7 @@ Modules:
     schedules: hyper-parameters that change during training.
     algorithms: learning algorithms and the hyper-parameters that a configuration may set.
     environment: the environment of a run, how Gymnasium makes it, and the columns of evaluations.csv.
+    additions: wrappers, callbacks and trackers by their names.
     ready_made: the files of configs/ by their names, and copies of them.
     config: the whole configuration, read from YAML.
     seeds: seeds and their purposes.

@@ -12,7 +12,7 @@ from typing import Any
 from agents.runs.consent import Consent, allowing
 from rollingjoint.errors import RollingJointError, named, one_line
 from rollingjoint.interrupts import INTERRUPTED, interrupted, interruptible
-from rollingjoint.tables import print_any_character
+from rollingjoint.tables import print_any_character, readers_may_leave
 
 FAILED = 2
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
@@ -29,8 +29,9 @@ def exit_code(command: Callable[[], int], consent: Consent | None = None, extra:
     """
 
     def allowed() -> int:
-        with allowing(consent or Consent()):
+        with allowing(consent or Consent()), readers_may_leave():
             return command()
+        return 0
 
     print_any_character()
     try:

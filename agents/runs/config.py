@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from agents.runs.additions import Addition, additions, are_scalar, check_wrappers, of_policy, tracker
 from agents.runs.algorithms import (
     CONVOLVING,
     GAINS,
@@ -152,6 +153,9 @@ class TrainConfig:
         normalise: running normalisation.
         her: hindsight experience replay (`sac`, `tqc`); null: none.
         residual: name of the controller with actions to which the policy adds its own; null: the policy acts alone.
+        wrappers: Gymnasium's wrappers of the environment, the first one innermost.
+        callbacks: Stable-Baselines3's callbacks of the training.
+        tracker: where the figures of logs/ go as well.
         start_from: folder of an earlier run with the best policy to start from (`apg`, `distill`), relative to the
             working directory; null: a fresh policy.
         evaluation: evaluation during training.
@@ -168,6 +172,9 @@ class TrainConfig:
     normalise: NormaliseConfig = field(default_factory=NormaliseConfig)
     her: HerConfig | None = None
     residual: Annotated[str | None, optional(Check(checked_text, "a name"))] = None
+    wrappers: Annotated[Sequence[Addition], additions] = ()
+    callbacks: Annotated[Sequence[Addition], additions] = ()
+    tracker: Annotated[Addition | None, tracker] = None
     start_from: Annotated[str | None, optional(Check(checked_text, "a folder"))] = None
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     checkpoint_every: Annotated[int, step_count] = 250_000
@@ -177,6 +184,8 @@ class TrainConfig:
         check_fields(self)
         parameters = checked_parameters(self.algorithm, self.parameters, self.env.n_envs)
         object.__setattr__(self, "parameters", parameters)
+        if self.wrappers:
+            self._check_wrappers()
         if self.her is not None:
             check_hindsight(self.algorithm, self.parameters, self.env.n_envs, self.env.episode_steps)
         if self.residual is not None:
@@ -193,6 +202,23 @@ class TrainConfig:
             self._check_gain()
         if self.policy.frames > 1:
             self._check_frames()
+
+    def _check_wrappers(self) -> None:
+        check_wrappers(self.wrappers)
+        names = [name for each in self.wrappers for name in each]
+        apart: dict[str, bool] = {
+            f"algorithm: {self.algorithm}, which plays episodes of rj_gym's own": self.algorithm in OWN,
+            "residual": self.residual is not None,
+            "her, which relabels rewards of the environment": self.her is not None,
+            f"policy.critic: {PRIVILEGED}": self.policy.critic_is_privileged,
+            "policy.convolution": self.policy.convolution is not None,
+            f"policy.form: {GAIN}": self.policy.form == GAIN,
+        }
+        for key, used in apart.items():
+            if used:
+                raise ConfigError("wrappers", names, f"[] with {key}")
+        if not are_scalar(self.wrappers) and not self.env.is_native:
+            raise ConfigError("wrappers", names, f"wrappers of scalar environments with env.id: {self.env.id}")
 
     def _check_start(self) -> None:
         if self.algorithm not in OWN:
@@ -268,6 +294,18 @@ class TrainConfig:
         return replace(self.env, settings={**self.env.settings, PRIVILEGED: "observation"})
 
     @property
+    def policy_wrappers(self) -> tuple[Addition, ...]:
+        """The wrappers through which the policy acts, wherever it does."""
+        return of_policy(self.wrappers)
+
+    @property
+    def why_scalar(self) -> str:
+        """Why scalar environments are stepped in turn, one line; empty where they are not."""
+        if not (are_scalar(self.wrappers) and self.env.is_native):
+            return self.env.why_scalar
+        return f"{self.env.id}: scalar environments are stepped in turn, for these wrappers are of scalar environments."
+
+    @property
     def seeds(self) -> dict[str, range]:
         """The seeds that the run uses."""
         environments = range(self.seed, self.seed + self.env.n_envs)
@@ -300,6 +338,8 @@ class TrainConfig:
         for name in ("hidden", "value_hidden"):
             widths = values["policy"][name]
             values["policy"][name] = None if widths is None else list(widths)
+        for name in ("wrappers", "callbacks"):
+            values[name] = list(values[name])
         return values
 
     def content(self) -> dict[str, Any]:

@@ -99,12 +99,15 @@ def check_pickles(*paths: Path) -> None:
         raise RunFolderError(files, "pickles", "files without code", hint)
 
 
-def check_named(what: str, name: str, module: str) -> None:
-    """Raise ConfigError for a name in a file that would have this module run, unless it is allowed."""
+def check_named(what: str, name: str, module: str, ours: str = "a name of rj_gym's registry") -> None:
+    """Raise ConfigError for a name in a file that would have this module run, unless it is allowed.
+
+    ours: the names that need no module, for the message.
+    """
     if not any(f"{module}.".startswith(f"{allowed}.") for allowed in (*OWN, *_given.names)):
         top = module.partition(".")[0]
         hint = f"That is code: to run it, add --import {top} to the command; in Python import it first."
-        raise ConfigError(what, name, "a name of rj_gym's registry, or one of a module that the command imports", hint)
+        raise ConfigError(what, name, f"{ours}, or one of a module that the command imports", hint)
 
 
 def imported(module: str) -> ModuleType:

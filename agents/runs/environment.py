@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import gymnasium
 
+from agents.runs.additions import Addition, are_scalar, of_other_lanes, rendering, wrapped
 from agents.runs.checks import check_fields, integer, prefixed
 from agents.runs.consent import check_named
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
+    from stable_baselines3.common.vec_env import VecEnv
 
     from rj_gym.registry import Registration
     from rj_gym.tracking.config import TaskConfig
@@ -168,18 +170,40 @@ def plain_settings(config: TaskConfig) -> dict[str, Any]:
     return values
 
 
-def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
-    """One environment of the run; raises ConfigError if Gymnasium cannot make it."""
+def make_env(config: EnvConfig, wrappers: Sequence[Addition] = (), **arguments: Any) -> gymnasium.Env:
+    """One environment of the run in wrappers; raises ConfigError if Gymnasium cannot make it, or a wrapper."""
     with making(config):
-        return gymnasium.make(config.id, **config.arguments(), **arguments)
+        env = gymnasium.make(config.id, **config.arguments(), **arguments | rendering(wrappers))
+    return wrapped(env, wrappers)
 
 
-def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """A native vector environment of rj_gym with `count` copies; for ids without one, scalar ones stepped in turn."""
-    if not config.is_native:
-        return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
+def make_vector_env(
+    config: EnvConfig, count: int, wrappers: Sequence[Addition] = (), **arguments: Any
+) -> VectorEnv[Any, Any, Any]:
+    """A native vector environment of rj_gym with `count` copies; for ids without one, scalar ones stepped in turn.
+
+    Scalar ones, too, in wrappers of scalar environments. Raises ConfigError as make_env.
+    """
+    if are_scalar(wrappers) or not config.is_native:
+        return gymnasium.vector.SyncVectorEnv([partial(make_env, config, wrappers, **arguments)] * count)
     with making(config):
-        return gymnasium.make_vec(config.id, count, "vector_entry_point", **config.arguments(), **arguments)
+        vector, given = "vector_entry_point", arguments | rendering(wrappers)
+        envs = gymnasium.make_vec(config.id, count, vector, **config.arguments(), **given)
+    return wrapped(envs, wrappers)
+
+
+def make_lanes(config: EnvConfig, count: int, wrappers: Sequence[Addition] = ()) -> VecEnv:
+    """make_vector_env as Stable-Baselines3 wants it; of scalar ones in wrappers the first alone is shown or filmed."""
+    if are_scalar(wrappers) or not config.is_native:
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        one = partial(make_env, config, wrappers)
+        other = partial(make_env, config, of_other_lanes(wrappers), **rendering(wrappers))
+        return DummyVecEnv([one, *[other] * (count - 1)])
+    from rj_gym.sb3 import SB3VecEnv
+
+    same_step = gymnasium.vector.AutoresetMode.SAME_STEP
+    return SB3VecEnv(make_vector_env(config, count, wrappers, autoreset_mode=same_step))
 
 
 def _spec_of(env_id: str) -> Any:

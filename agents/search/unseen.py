@@ -105,8 +105,9 @@ def _row(name: str, errors: Array, policy: Array, seconds: float) -> list[str]:
 
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
-    from agents.policies.trained import load_trained
+    from agents.policies.trained import check_unwrapped, load_trained
 
+    check_unwrapped(run.config())
     policy, envs = load_trained(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)
     errors = [info["error_mm"]]

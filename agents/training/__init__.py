@@ -12,6 +12,7 @@ Modules:
     checkpoint: checkpoints, from which a run continues exactly.
     state: a model's state in plain values and arrays.
     old_checkpoint: checkpoints of earlier versions, in pickles.
+    tracking: a tracker beside the run folder.
     log: the training log, which a resumed run continues.
     campaign: many runs, some at a time.
 

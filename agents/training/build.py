@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -9,35 +10,30 @@ import gymnasium
 import torch
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecMonitor, VecNormalize
 
 from agents.controllers.residual import base_controller, output_size
 from agents.controllers.tuned import world_of
 from agents.policies.parameters import network_arguments, policy_name
+from agents.runs.additions import Addition, are_scalar, of_other_lanes
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.checks import prefixed
 from agents.runs.config import GAIN, TrainConfig
-from agents.runs.environment import EnvConfig, make_env, making, tip_errors
+from agents.runs.environment import EnvConfig, make_env, make_lanes, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.gain import GainPolicy, GainSACPolicy, keep_zero
 from agents.training.residual import ResidualVecEnv
 from rj_gym.core.task import ObservedError
 from rj_gym.registry import task_of
-from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 
 
-def make_training_env(config: EnvConfig) -> VecEnv:
-    """The lanes that training steps together: a native vector environment, else scalar ones in turn."""
-    envs: VecEnv
-    if config.is_native:
-        with making(config):
-            envs = make_sb3_env(config.id, config.n_envs, **config.arguments())
-    else:
-        _check_reports_error(config)
-        envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
-    return VecMonitor(envs, info_keywords=("error_mm",))
+def make_training_env(config: EnvConfig, wrappers: Sequence[Addition] = ()) -> VecEnv:
+    """The lanes that training steps together: a native vector environment, else scalar ones in turn; in wrappers."""
+    if are_scalar(wrappers) or not config.is_native:
+        _check_reports_error(config, of_other_lanes(wrappers))
+    return VecMonitor(make_lanes(config, config.n_envs, wrappers), info_keywords=("error_mm",))
 
 
 def _on_top_of(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
@@ -51,9 +47,9 @@ def _on_top_of(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
         raise
 
 
-def _check_reports_error(config: EnvConfig) -> None:
+def _check_reports_error(config: EnvConfig, wrappers: Sequence[Addition]) -> None:
     """Raise ConfigError, before training begins, for an environment without info["error_mm"]."""
-    env = make_env(config)
+    env = make_env(config, wrappers)
     try:
         tip_errors(env.reset()[1])
     finally:
@@ -67,7 +63,7 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     """
     torch.set_num_threads(config.torch_threads)
     error = _observed_error(config)
-    env = make_training_env(config.training_env)
+    env = make_training_env(config.training_env, config.wrappers)
     if config.residual is not None:
         env = _on_top_of(env, config.residual, config.env)
     if config.policy.frames > 1:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from agents.controllers.residual import controller_of
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.policies.trained import policy_of
+from agents.runs.additions import class_of, made
 from agents.runs.command_line import STOPPING, progress_bar
 from agents.runs.config import TrainConfig
 from agents.runs.environment import COLUMNS, in_words
@@ -163,6 +164,14 @@ class Evaluator(BaseCallback):
     def _write(self, row: Any) -> None:
         with self.run.evaluations.open("a", encoding="utf-8", newline="") as stream:
             csv.writer(stream).writerow(row)
+
+
+def added(config: TrainConfig) -> list[BaseCallback]:
+    """The callbacks that a configuration names; raises ConfigError for one that cannot be made."""
+    place = {"": "stable_baselines3.common.callbacks"}
+    named = [pair for each in config.callbacks for pair in each.items()]
+    kinds = [class_of("callbacks", name, place, (BaseCallback,)) for name, _ in named]
+    return [made(f"callbacks: {name}", kind, arguments) for kind, (name, arguments) in zip(kinds, named, strict=True)]
 
 
 class FinalError(BaseCallback):

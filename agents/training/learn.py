@@ -19,10 +19,11 @@ from agents.runs.files import RunFolderError, seal, unseal, write_text
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
 from agents.training.build import close
-from agents.training.callbacks import Checkpoints, Evaluator, FinalError, StopOnSignal, TrainingProgress
+from agents.training.callbacks import Checkpoints, Evaluator, FinalError, StopOnSignal, TrainingProgress, added
 from agents.training.checkpoint import Moment
 from agents.training.log import training_log
 from agents.training.start import fresh_model
+from agents.training.tracking import tracked, wandb_of
 from rollingjoint.errors import ConfigError, RollingJointError
 
 
@@ -32,6 +33,7 @@ class TrainingError(RollingJointError):
 
 def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: bool = False) -> int:
     """Train into a run folder at `path`; the exit code. Raises RollingJointError."""
+    check_additions(config)
     model = fresh_model(config)
     run = RunFolder.create(path, config, command, force)
     with run.locked():
@@ -52,6 +54,7 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
         if done >= config.total_timesteps:
             print(f"The run in {path} is finished: {done} steps. To train on: --set total_timesteps=N")
             return 0
+        check_additions(config)
         run.tidy()
         moment = None
         if newest:
@@ -63,6 +66,13 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
             run.restart()
         run.extend(config.total_timesteps, command)
         return _train(model, config, run, moment)
+
+
+def check_additions(config: TrainConfig) -> None:
+    """Raise ConfigError, or name the extra, before training begins, for callbacks or a tracker that cannot be had."""
+    added(config)
+    if config.tracker is not None:
+        wandb_of()
 
 
 def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> TrainConfig:
@@ -88,9 +98,9 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
         f"{config.algorithm.upper()}, {config.total_timesteps} steps of {config.env.id}, {origin}into {run.path}",
         flush=True,
     )
-    if note := config.env.why_scalar:
+    if note := config.why_scalar:
         print(f"note: {note}", file=sys.stderr)
-    with StopOnSignal() as stop:
+    with tracked(config, run), StopOnSignal() as stop:
         try:
             _learn_and_save(model, config, run, stop, moment)
         except Exception as error:
@@ -112,7 +122,7 @@ def _learn_and_save(
     logger = training_log(run, model.num_timesteps)
     model.set_logger(logger)
     checkpoints = Checkpoints(run, config.checkpoint_every, stop, moment)
-    callbacks = [stop, TrainingProgress(), FinalError(), checkpoints, Evaluator(run, config, stop)]
+    callbacks = [stop, TrainingProgress(), FinalError(), checkpoints, Evaluator(run, config, stop), *added(config)]
     try:
         learn(model, config, callbacks)
     except KeyboardInterrupt:

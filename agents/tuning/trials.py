@@ -27,7 +27,7 @@ from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
 from agents.runs.locks import file_lock
 from agents.training.build import close
-from agents.training.callbacks import Evaluator, FinalError, StopOnSignal
+from agents.training.callbacks import Evaluator, FinalError, StopOnSignal, added
 from agents.training.learn import learn
 from agents.training.log import training_log
 from agents.training.start import earlier_policy, fresh_model
@@ -224,7 +224,7 @@ def _train(
         with StopOnSignal() as stop, ExitStack() as stack:
             stack.callback(logger.close)
             evaluator = Evaluator(run, train, stop, show=lambda line: None, watch=watch)
-            learn(model, train, [stop, FinalError(), evaluator])
+            learn(model, train, [stop, FinalError(), evaluator, *added(train)])
     finally:
         close(model)
     if stop.signal is not None:

@@ -19,6 +19,7 @@ Modules:
     solids: its shapes and lines.
     chart: a scatter plot in the scene.
     scoreboard: errors in the panel.
+    choice: buttons of which one is chosen.
     html: tables and text in the panel.
     camera: where a browser looks from.
     clock: time that passes in a room.

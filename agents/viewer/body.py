@@ -9,8 +9,11 @@ import numpy as np
 import viser.transforms
 from numpy.typing import ArrayLike
 
-from agents.viewer.solids import Strand, frames, solids
+from agents.viewer.solids import Strand, frames, front, solids
 from rj_gym.rendering import BASE, INK, LINK, Color, tension_color
+from rollingjoint import RollingChain
+
+MOST_NUMBERS = 16  # links that all have their numbers
 
 
 class SceneMechanism:
@@ -28,8 +31,9 @@ class SceneMechanism:
         self.root = scene.add_frame(name, show_axes=False, position=(0.0, 0.0, -behind))
         self.solids = solids(mechanism)
         self.handles = [self._added(k, colour, opacity) for k in range(len(self.solids))]
-        self.thickness = 1.5 if opacity < 1.0 else 3.0
+        self.thickness = 1.5 if opacity < 1.0 else 4.0
         self.tendons: Any = None
+        self.numbers: list[Any] = []
 
     def show(self, poses: ArrayLike, strands: Sequence[Strand], tension_range: tuple[float, float]) -> None:
         """Move the links to these poses and draw the tendons, blue at the minimum tension, red at the maximum."""
@@ -39,6 +43,25 @@ class SceneMechanism:
             handle.batched_positions = link_frames[:, :3, 3].astype(np.float32)
             handle.batched_wxyzs = viser.transforms.SO3.from_matrix(link_frames[:, :3, :3]).wxyz.astype(np.float32)
         self._draw(strands, tension_range)
+
+    def number(self, poses: ArrayLike | None) -> None:
+        """Write the numbers of links at their origins in these poses, of many links every fifth; None: nowhere."""
+        if poses is None or not self.numbers:
+            for label in self.numbers:
+                label.remove()
+            count = 0 if poses is None else len(np.asarray(poses))
+            every = 1 if count <= MOST_NUMBERS else 5
+            self.links = range(0, count, every)
+            self.numbers = [
+                self.scene.add_label(
+                    f"{self.name}/number/{link}", str(link), font_screen_scale=0.8, anchor="center-center"
+                )
+                for link in self.links
+            ]
+        if poses is not None:
+            height = front(self.mechanism) if isinstance(self.mechanism, RollingChain) else 0.0
+            for link, label in zip(self.links, self.numbers, strict=True):
+                label.position = frames(poses)[link, :3, 3] + [0.0, 0.0, height]
 
     @property
     def visible(self) -> bool:
@@ -71,8 +94,9 @@ class SceneMechanism:
 
     def _draw(self, strands: Sequence[Strand], tension_range: tuple[float, float]) -> None:
         points = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line, _ in strands])
-        strand_colours = [tension_color(tension, tension_range) for _, tension in strands]
-        colours = np.repeat(np.array(strand_colours, np.uint8), [len(line) - 1 for line, _ in strands], axis=0)
+        shown = np.array([tension_color(tension, tension_range) for _, tension in strands]) / 255.0
+        linear = 255.0 * shown**2.2  # viser takes the colours of corners as they are, without the curve of a screen
+        colours = np.repeat(linear.astype(np.uint8), [len(line) - 1 for line, _ in strands], axis=0)
         colours = np.repeat(colours[:, None], 2, axis=1)
         if self.tendons is not None and self.tendons.points.shape == points.shape:
             self.tendons.points, self.tendons.colors = points.astype(np.float32), colours

@@ -140,6 +140,11 @@ class Explorer:
         return report.as_table(self.found)
 
     @property
+    def has_contacts(self) -> bool:
+        """Whether its joints are contacts; hinges have none."""
+        return self.flat or self.in_space
+
+    @property
     def contact_arrows(self) -> Array:
         """Contact forces on the distal links as arrows, (k, 2, d): from, by [mm, N]; none at hinges.
 

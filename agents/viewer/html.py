@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
-STYLE = "width:100%;font-size:0.85em;border-spacing:0 2px;text-align:right;white-space:nowrap"
+STYLE = "width:100%;padding:0 0.5em;font-size:0.85em;border-spacing:0 2px;text-align:right"
 
 
 class Html(str):
@@ -39,5 +39,6 @@ def code_block(text: str, language: str = "text") -> str:
 
 def _row(kind: str, cells: Sequence[str]) -> str:
     first, *others = (cell if isinstance(cell, Html) else escape(cell) for cell in cells)
-    cells_text = "".join(f"<{kind}>{cell}</{kind}>" for cell in others)
+    figures = "" if kind == "th" else ' style="white-space:nowrap"'  # heads and names may take two lines
+    cells_text = "".join(f"<{kind}{figures}>{cell}</{kind}>" for cell in others)
     return f'<tr><{kind} style="text-align:left">{first}</{kind}>{cells_text}</tr>'

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agents.viewer.camera import View, begin_with
+from agents.viewer.choice import ButtonRow
 from agents.viewer.guard import Guard
 from agents.viewer.rooms import Room
 from agents.viewer.serving import Uploads, started, stop
@@ -84,8 +85,7 @@ class Visit:
         self._lock = threading.Lock()
         self._gone = False
         self._uploads = Uploads(client, self._refused)
-        self._doors = client.gui.add_button_group("Room", tuple(rooms))
-        self._doors.on_click(lambda _: self.enter(self._doors.value))
+        self._doors = ButtonRow(client.gui, "Room", tuple(rooms), self.enter)
         self._panel: Any = None
 
     def enter(self, name: str) -> None:
@@ -94,6 +94,7 @@ class Visit:
             if self._gone:
                 return
             self._leave()
+            self._doors.mark(name)
             self._panel = self.client.gui.add_folder(name)
             self.room = self.rooms[name](self.client)
             with self._panel:

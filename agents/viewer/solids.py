@@ -26,6 +26,7 @@ DEPTH = 0.16  # of a planar link, in lengths of the chain
 SIDES = 24  # of a bead
 HOLE_SIDES = 10  # of the rim of a hole
 HOLE = 0.11  # radius of the rim of a hole, in radii of the circle of the holes
+PLATE = 2.5  # radius of the base of an arm, in radii of the circle of the holes
 STRIP = 12  # points along a contact surface of a chain in space
 ALONG = 48  # points along each surface of a planar link
 
@@ -46,7 +47,7 @@ class Solid:
 
 
 def solids(mechanism: RollingChain | HingeChain | SpatialChain) -> list[Solid]:
-    """The shapes of all links that are drawn: of an arm the moving ones, of other chains all; equal ones once."""
+    """The shapes of all links, equal ones once; the base of an arm is a plate."""
     if isinstance(mechanism, SpatialChain):
         return _distinct(_plates(mechanism)) + _distinct(_rims(mechanism), marked=True)
     return _distinct(_chain(mechanism) if isinstance(mechanism, RollingChain) else _tubes(mechanism))
@@ -123,9 +124,10 @@ def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
 
 
 def _tubes(chain: HingeChain) -> list[Shape]:
-    """Tubes from hole to hole."""
-    radius = 0.97 * chain.hole_radius
-    return [(k + 1, *_tube(radius, low, high)) for k, (low, high) in enumerate(chain.body_ends.tolist())]
+    """Tubes from hole to hole, on a plate that ends where the arm begins."""
+    radius, plate = 0.97 * chain.hole_radius, 0.02 * chain.length
+    tubes = [(k + 1, *_tube(radius, low, high)) for k, (low, high) in enumerate(chain.body_ends.tolist())]
+    return [(0, *_tube(PLATE * chain.hole_radius, -plate, 0.0)), *tubes]
 
 
 def _plates(chain: SpatialChain) -> list[Shape]:

@@ -1,4 +1,4 @@
-"""Writes the sources of the site, of which `mkdocs build` makes the site: python docs/_pages. `make docs` does both.
+"""Writes the sources of the site, of which `zensical build` makes the site: python docs/_pages. `make docs` does both.
 
 Modules:
     environments: a page for every registered environment.
@@ -8,6 +8,7 @@ Modules:
     notebooks: notebooks as pages.
     replays: episodes of the shipped policies.
     formulas: LaTeX as MathML.
+    math_font: the font of formulas, a command of its own.
 """
 
 import shutil

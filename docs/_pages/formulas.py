@@ -24,5 +24,6 @@ def mathml(found: re.Match[str]) -> str:
     if found["inline"]:
         inline: str = convert(found["inline"])
         return f"<span>{inline.translate(MARKDOWN)}</span>"  # a line of Markdown that begins with math would be a block
-    block: str = convert(found["block"].strip(), display="block")
+    known = re.sub(r"(\\(?:begin|end)){aligned}", r"\1{align*}", found["block"].strip())
+    block: str = convert(known, display="block")
     return f'<div class="formula">{block.translate(MARKDOWN)}</div>'

@@ -9,7 +9,7 @@ if (location.protocol === "file:") {
       document.body.appendChild(this.frame)
       const inside = this.frame.contentWindow
       const script = inside.document.createElement("script")
-      inside.postMessage = data => this.receive(data)
+      inside.postMessage = data => setTimeout(() => this.receive(data))  // as a worker's: never within the call
       inside.importScripts = (...urls) => Promise.all(urls.map(each => this.load(each)))
       script.src = new URL(url, location.href)
       script.onload = () => this.start()

@@ -20,7 +20,7 @@ from rj_gym.tracking.arrays import (
     STOP,
     Rules,
 )
-from rollingjoint.differentiable.transmission import (
+from rollingjoint.differentiable.formulas import (
     motor_yield,
     paid_out,
     play_step,

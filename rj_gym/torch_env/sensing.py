@@ -10,7 +10,7 @@ from torch import Tensor
 from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TIP
 from rj_gym.torch_env.lanes import Lanes, at_step, tendons
 from rj_gym.tracking.arrays import GAIN, LIMIT, MOTOR, OFFSET, TAKEN, Rules
-from rollingjoint.differentiable.transmission import sheath_direction, sheath_ratio
+from rollingjoint.differentiable.formulas import sheath_direction, sheath_ratio
 
 
 @dataclass(frozen=True)

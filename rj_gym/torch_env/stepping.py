@@ -28,7 +28,7 @@ from rj_gym.tracking.arrays import ASKED, BOUND, Rules
 from rj_gym.tracking.kernels import PREDICTABLE
 from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
-from rollingjoint.differentiable.transmission import unstretched_length
+from rollingjoint.differentiable.formulas import unstretched_length
 
 
 class Prepared(NamedTuple):

@@ -246,6 +246,13 @@ class TaskConfig(Settings):
         high = math.inf if self.actuation.limit_at == "motor" else self.tension_range[1] if limit is None else limit[1]
         return self.tension_range[0], high
 
+    @property
+    def yield_tensions(self) -> Range:
+        """The tensions behind the sheath at which motors take tendons along; inf where settings do not fix one [N]."""
+        low, high = self.possible_tensions
+        drawn = self.actuation.tension_limit or (high, high)
+        return low, high if drawn[0] == drawn[1] else math.inf
+
     @cached_property
     def lags(self) -> tuple[int, ...]:
         """How many steps ago the observed past readings are from."""

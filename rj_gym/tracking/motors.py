@@ -28,7 +28,7 @@ from rj_gym.tracking.arrays import (
     STOP,
 )
 from rollingjoint.chain.status import Status
-from rollingjoint.compiled import FREE, motor_yield, part, play_step, pull_end, pull_limit, unstretched_length
+from rollingjoint.compiled import motor_yield, paid_out, part, play_step, pull_end, pull_limit, unstretched_length
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 
@@ -104,7 +104,7 @@ def revise_pulls(course, hardware, readings, inputs, solved, lane):
                 limits[lane, BOUND, j], asked = bound, motors[lane, NEXT_MOTOR, j] + hardware.half_play[lane, j]
         elif tension >= bound:
             free = unstretched_length(solved.lengths[lane, j], tension, course.stiffnesses[lane, j])
-            if free - offsets[lane, j] > before + FREE:  # the tendon would have to be paid out
+            if paid_out(free - offsets[lane, j], before):
                 limits[lane, BOUND, j], asked = math.inf, before
         if asked != motors[lane, ASKED, j]:
             motors[lane, ASKED, j], wrong = asked, True

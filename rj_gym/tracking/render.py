@@ -290,9 +290,10 @@ class ArmCanvas(TrackingCanvas):
                 self.line(self._seen([place, place + size * axis]), width, color)
 
     def _forces(self, scene: ArmScene) -> None:
-        """Gravity next to the plate, the payload at the tip."""
-        begin = np.array([0.0, 0.0, 0.24 * self._length]) - 0.42 * self._length * self._view[0]
-        self.arrow(self._seen(begin), self._seen(begin + 0.16 * self._length * scene.gravity), _GRAVITY)
+        """Gravity below the words in the corner, whichever way it points, and the payload at the tip."""
+        middle = np.array([0.0, 0.0, 0.33 * self._length]) - 0.42 * self._length * self._view[0]  # below the words
+        half = 0.08 * self._length * scene.gravity
+        self.arrow(self._seen(middle - half), self._seen(middle + half), _GRAVITY)
         if size := float(np.linalg.norm(scene.payload)):
             end = scene.tip + scene.payload / size * (0.07 + 0.2 * size) * self._length
             self.arrow(self._seen(scene.tip), self._seen(end), LOAD)

@@ -1,6 +1,6 @@
 """Manufacturing files of mechanisms: outlines as DXF and SVG, bodies as STL, an assembly drawing as PDF or PNG.
 
-Chains in space have STL alone, of every link and of the assembly.
+Chains in space and arms of beads have STL alone, of every link and of the assembly.
 
 The packages that write these files are imported when a file is written: pip install "rollingjoint[cad]".
 

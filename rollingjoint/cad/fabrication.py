@@ -17,6 +17,8 @@ class Fabrication:
         channel_diameter: of the round tendon channels; 0 leaves them out.
         tolerance: largest distance between a drawn curve and the exact curve.
         wall: thinnest wall around a channel.
+        bore: diameter of a hole along z through the middle of every link in space, as for a backbone or wires; 0 leaves
+            it out.
     Raises:
         InvalidInput: a number beyond its range, or a channel wider than the body is thick.
     """
@@ -25,6 +27,7 @@ class Fabrication:
     channel_diameter: float = 0.8
     tolerance: float = 1e-3
     wall: float = 0.4
+    bore: float = 0.0
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -32,6 +35,7 @@ class Fabrication:
             ("channel_diameter", 0.0, 100.0),
             ("tolerance", 1e-5, 0.1),
             ("wall", 0.0, 100.0),
+            ("bore", 0.0, 100.0),
         ):
             value, allowed = getattr(self, name), f"{low:g} to {high:g} mm"
             number = as_floats(name.replace("_", " "), value, allowed)

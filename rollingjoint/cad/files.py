@@ -7,6 +7,7 @@ import functools
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from rollingjoint.cad.assembly import Assembly, assemble
 from rollingjoint.cad.drawing import write_drawing
@@ -14,14 +15,14 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes, write_dxf, write_svg
 from rollingjoint.cad.solid import write_stl
 from rollingjoint.cad.space_files import assemble_in_space, writers_in_space
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
+from rollingjoint.chain.solution import Solution
 from rollingjoint.errors import InvalidInput, naming
 
 FORMATS = ("dxf", "svg", "stl", "pdf", "png")
-"""Formats of `export`: plane files, solids, and the assembly drawing in two forms. Chains in space have STL alone."""
+"""Formats of `export`: plane files, solids, and the assembly drawing in two forms. In space there is STL alone."""
 
 DEFAULT_FORMATS = ("dxf", "svg", "stl")
 
@@ -29,7 +30,7 @@ _PART = ("part", "same as", "width [mm]", "height [mm]", "thickness [mm]", "chan
 
 
 def export(
-    mechanism: RollingChain | SpatialChain | Equilibrium | SpatialEquilibrium,
+    mechanism: AnyChain | Solution,
     folder: str | Path,
     formats: Iterable[str] = DEFAULT_FORMATS,
     *,
@@ -37,6 +38,7 @@ def export(
     channel_diameter: float = Fabrication.channel_diameter,
     tolerance: float = Fabrication.tolerance,
     wall: float = Fabrication.wall,
+    bore: float = Fabrication.bore,
     overwrite: bool = False,
 ) -> list[Path]:
     """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, a table of identical links.
@@ -48,16 +50,16 @@ def export(
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
         folder: created if missing; its parent must exist.
         formats: some of FORMATS; unless given, all in DEFAULT_FORMATS that the mechanism has.
-        thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
+        thickness, channel_diameter, tolerance, wall, bore: see Fabrication [mm].
         overwrite: replace existing files.
     Raises:
         MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
-        InvalidInput: an arm, unknown formats, plane files of a chain in space, numbers beyond their range,
-            existing files, a missing package.
+        InvalidInput: unknown formats, plane files of a chain in space, a bore of a planar chain, numbers beyond their
+            range, existing files, a missing package.
         SolverError: an equilibrium that is not usable.
         OSError: a folder that cannot be written.
     """
-    target, making = Path(folder), Fabrication(thickness, channel_diameter, tolerance, wall)
+    target, making = Path(folder), Fabrication(thickness, channel_diameter, tolerance, wall, bore)
     writers = dict(_writers_of(mechanism, making, formats))
     _check_free(target, writers, overwrite)
     with tempfile.TemporaryDirectory(prefix=".export-", dir=target if target.is_dir() else target.parent) as place:
@@ -69,16 +71,16 @@ def export(
 
 
 def _writers_of(
-    mechanism: RollingChain | SpatialChain | Equilibrium | SpatialEquilibrium,
-    making: Fabrication,
-    formats: Iterable[str],
+    mechanism: Any, making: Fabrication, formats: Iterable[str]
 ) -> Iterator[tuple[str, Callable[[Path], None]]]:
     """File names with the writer of each."""
     names = _checked_formats(formats)
-    if not isinstance(mechanism, SpatialChain | SpatialEquilibrium):
+    if isinstance(mechanism, RollingChain | Equilibrium):
+        if making.bore:
+            raise InvalidInput("bore", making.bore, "0 for a planar chain, whose links are plates")
         return _writers(assemble(mechanism, making), names)
     if formats != DEFAULT_FORMATS and names != ["stl"]:
-        raise InvalidInput("formats", names, "stl, the one format of chains in space")
+        raise InvalidInput("formats", names, "stl, the one format of chains in space and arms")
     return writers_in_space(assemble_in_space(mechanism, making))
 
 

@@ -1,13 +1,14 @@
 """The bodies of links in space: round, between two faces, with a channel for every tendon.
 
 A face at a rolling joint is the contact surface, extruded over the width of the contact line and continued along the
-tangents at its ends, which stop the joint at its limits; beside the line it is set back. Any other face is flat.
+tangents at its ends, which stop the joint at its limits; beside the line it is set back. A face at a hinge is flat
+through the outermost hole, and bevelled where neighbours would meet in the range of the joint. Any other face is flat.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.sampling import surface_polyline
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.chain.spatial_joints import PointHinge, RollingContact, SpatialJoint
 from rollingjoint.errors import MechanismError
@@ -29,6 +31,9 @@ _STEEPEST = np.radians(80.0)  # of a surface against the plane of its link
 _WIDEST = np.radians(60.0)  # half angle of a flare
 _POSES = 33  # over the ranges of all joints, at which tendons leave their holes
 _ROUNDING = 1e-6  # mm that a hole may lie outside
+_ACROSS = 1e-9  # cosine of the angle between z and an axis across it
+_ALONG_Z = np.array([0.0, 0.0, 1.0])
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +107,14 @@ class SpatialBody:
         below, above: its faces.
         radius: of its round outline about z [mm].
         channels: one per tendon that passes.
+        bore: diameter of a hole along z, 0 for none [mm].
     """
 
     below: SpatialFace
     above: SpatialFace
     radius: float
     channels: tuple[SpatialChannel, ...]
+    bore: float = 0.0
 
     @property
     def faces(self) -> tuple[SpatialFace, SpatialFace]:
@@ -127,18 +134,31 @@ class SpatialBody:
             for number in (face.frame, face.curve, np.array([*face.slopes, face.middle, face.half_width]))
         ]
         channels = [np.array([[*c.holes.ravel(), *c.flares, c.diameter] for c in self.channels])]
-        return [*faces, np.array(self.radius), *channels]
+        return [*faces, np.array([self.radius, self.bore]), *channels]
 
 
-def spatial_bodies(chain: SpatialChain, fabrication: Fabrication | None = None) -> list[SpatialBody]:
-    """The body of every link, base first.
+def spatial_bodies(mechanism: SpatialChain | HingeChain, fabrication: Fabrication | None = None) -> list[SpatialBody]:
+    """The body of every link, base first; the base of an arm is as thick as the fabrication says.
 
     Raises:
-        MechanismError: a surface that is too steep, a hole outside the body, a channel with too thin a wall.
+        MechanismError: a surface that is too steep, a hole outside the body, a channel with too thin a wall, an arm
+            with tendons that are not exact.
     """
     making = fabrication or Fabrication()
+    chain = mechanism if isinstance(mechanism, SpatialChain) else _with_ends(mechanism, making.thickness)
     flares = _flares(chain)
     return [_body(chain, link, making, flares) for link in range(chain.n_links)]
+
+
+def _with_ends(arm: HingeChain, thickness: float) -> SpatialChain:
+    """The arm as a chain in space, its holes led through a base of this thickness and to the last distal face."""
+    chain, last, tendons = SpatialChain.from_arm(arm), arm.n_joints, []
+    for tendon, points in zip(chain.tendons, chain.hole_points, strict=True):
+        holes = points.copy()
+        holes[0, 0, 2] -= thickness
+        holes[last:, 1, 2] = 0.0
+        tendons.append(replace(tendon, holes=holes.tolist()))
+    return chain.replace(tendons=tendons)
 
 
 def _body(chain: SpatialChain, link: int, making: Fabrication, flares: list[Array]) -> SpatialBody:
@@ -150,16 +170,18 @@ def _body(chain: SpatialChain, link: int, making: Fabrication, flares: list[Arra
         *(np.hypot(*corner[:2]) for face in (below, above) for corner in face.corners),
         *(np.hypot(*hole[:2]) + room for hole in holes.reshape(-1, 3)),
     ]
+    if making.bore:
+        reaches.append(0.5 * making.bore + making.wall)
     radius = float(max(reaches, default=0.5 * making.thickness))
     if not making.channel_diameter:
-        return SpatialBody(below, above, radius, ())
+        return SpatialBody(below, above, radius, (), making.bore)
     channels = tuple(
         SpatialChannel(tendon, pair, flares[tendon][link], making.channel_diameter)
         for tendon, pair in zip(passing, holes, strict=True)
     )
-    body = SpatialBody(below, above, radius, channels)
+    body = SpatialBody(below, above, radius, channels, making.bore)
     _check_holes(link, body)
-    _check_walls(link, channels, making.wall)
+    _check_walls(link, body, making.wall)
     return body
 
 
@@ -183,9 +205,27 @@ def _faces(chain: SpatialChain, link: int, holes: Array, making: Fabrication) ->
         else:
             opposite = faces[-side].curve[:, 1] if -side in faces else np.zeros(1)
             level = float(side * np.max(side * opposite) + side * making.thickness)
-        flat = np.array([[-1.0, level], [1.0, level]])
-        faces[side] = SpatialFace(side, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), flat)
+        faces[side] = _hinge_face(chain, link, side, level) or SpatialFace(side, _UPRIGHT, _flat(1.0, level))
     return faces[BELOW], faces[ABOVE]
+
+
+def _hinge_face(chain: SpatialChain, link: int, side: int, level: float) -> SpatialFace | None:
+    """A face at a hinge across z, flat around it; beyond, it stays on its side of the middle plane of the bend."""
+    number = link if side == ABOVE else link - 1
+    joint = chain.joints[number] if 0 <= number < chain.n_joints else None
+    if not isinstance(joint, PointHinge) or abs(joint.frame[2, 2]) > _ACROSS:
+        return None
+    lateral, height, _ = joint.frame @ (joint.below if side == ABOVE else joint.above)
+    slope = float(np.tan(min(0.5 * np.abs(chain.joint_limits[number]).max(), _WIDEST)))
+    room = side * (height - level)
+    if room <= 0.0 or slope <= 0.0:
+        return None
+    curve = _flat(room / slope, level) + np.array([lateral, 0.0])
+    return SpatialFace(side, joint.frame, curve, (side * slope, -side * slope))
+
+
+def _flat(half: float, level: float) -> Array:
+    return np.array([[-half, level], [half, level]])
 
 
 def _contact_face(link: int, side: int, joint: RollingContact, tolerance: float) -> SpatialFace:
@@ -241,8 +281,17 @@ def _check_holes(link: int, body: SpatialBody) -> None:
                 )
 
 
-def _check_walls(link: int, channels: tuple[SpatialChannel, ...], wall: float) -> None:
-    for first, second in itertools.combinations(channels, 2):
+def _check_walls(link: int, body: SpatialBody, wall: float) -> None:
+    for channel in body.channels if body.bore else ():
+        thickness = float(_distance(channel.holes, channel.holes * _ALONG_Z) - 0.5 * (channel.diameter + body.bore))
+        if thickness < wall:
+            raise MechanismError(
+                f"wall between the bore and the channel of tendon {channel.tendon} in link {link}",
+                round(thickness, 4),
+                f"at least {wall:g} mm",
+                "Make the bore narrower.",
+            )
+    for first, second in itertools.combinations(body.channels, 2):
         thickness = _distance(first.holes, second.holes) - first.diameter
         if thickness < wall:
             raise MechanismError(

@@ -1,4 +1,4 @@
-"""The files of a chain in space: STL of every link and of the assembly, and a table of identical links."""
+"""The files of a chain in space or an arm: STL of every link and of the assembly, and a table of identical links."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.space_body import SpatialBody, spatial_bodies
 from rollingjoint.cad.space_solid import placed, spatial_solid, write_mesh
+from rollingjoint.chain.equilibrium import EquilibriumInSpace
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -51,14 +52,16 @@ class SpatialAssembly:
         return [parts[k] for k in self.first_alike]
 
 
-def assemble_in_space(mechanism: SpatialChain | SpatialEquilibrium, making: Fabrication) -> SpatialAssembly:
+def assemble_in_space(
+    mechanism: SpatialChain | HingeChain | EquilibriumInSpace, making: Fabrication
+) -> SpatialAssembly:
     """The mechanism's bodies, at rest or in the pose of an equilibrium.
 
     Raises:
         MechanismError: a body or a channel that cannot be made.
         InvalidInput: a batch of equilibria. SolverError: an unusable equilibrium.
     """
-    if isinstance(mechanism, SpatialChain):
+    if isinstance(mechanism, SpatialChain | HingeChain):
         return SpatialAssembly(mechanism.poses(mechanism.neutral_angles), making, spatial_bodies(mechanism, making))
     if mechanism.poses.ndim != 3 or isinstance(mechanism.mechanism, tuple):
         allowed = "one equilibrium, poses (n, 4, 4)"

@@ -50,6 +50,8 @@ def _cut(body: SpatialBody, link: int, tolerance: float, turn: float) -> Any:
     block = _block(body, tolerance, turn)
     for channel in body.channels:
         block -= _drill(channel, body, tolerance, turn)
+    if body.bore:
+        block -= _cylinder(body, 0.5 * body.bore, tolerance, turn)
     pieces = block.decompose()
     if len(pieces) != 1:
         hint = "Move its surfaces apart, or narrow their limits."
@@ -61,16 +63,21 @@ def _cut(body: SpatialBody, link: int, tolerance: float, turn: float) -> Any:
 
 def _block(body: SpatialBody, tolerance: float, turn: float) -> Any:
     """The body without channels, as manifold3d's Manifold; its outline is turned by a share of a side."""
-    manifold3d = package("manifold3d")
     reach, (bottom, top) = body.radius + 1.0, _extent(body)
-    count = _sides(body.radius, tolerance)
-    radius = body.radius / np.cos(np.pi / count)  # the corners of contact surfaces lie on the circle
-    block = manifold3d.Manifold.cylinder(top - bottom, radius, radius, count).rotate((0.0, 0.0, turn * 360.0 / count))
-    block = block.translate((0.0, 0.0, bottom))
+    block = _cylinder(body, body.radius, tolerance, turn)  # the corners of contact surfaces lie on its circle
     for face in body.faces:
         room = _half_space(face, reach, (bottom, top), SET_BACK if face.rolls else 0.0)
         block ^= room + _half_space(face, reach, (bottom, top), 0.0, face.half_width) if face.rolls else room
     return block
+
+
+def _cylinder(body: SpatialBody, radius: float, tolerance: float, turn: float) -> Any:
+    """A cylinder around a circle about z, longer than the body, as manifold3d's Manifold."""
+    bottom, top = _extent(body)
+    count = _sides(radius, tolerance)
+    outer = radius / np.cos(np.pi / count)
+    cylinder = package("manifold3d").Manifold.cylinder(top - bottom, outer, outer, count)
+    return cylinder.rotate((0.0, 0.0, turn * 360.0 / count)).translate((0.0, 0.0, bottom))
 
 
 def _extent(body: SpatialBody) -> tuple[float, float]:

@@ -23,4 +23,5 @@ Modules:
     status: how a solve ended.
     tendon: which holes tendons pass, where they end, how stiff they are.
     variations: many chains that differ by surfaces and stiffness, as one stack of arrays.
+    wall_step: contact with walls at an equilibrium.
 """

@@ -19,12 +19,20 @@ from rollingjoint._numba.pins import Pinned
 from rollingjoint.chain.chain import AnyChain, Kernels
 from rollingjoint.chain.friction_step import FrictionStep, friction_laws
 from rollingjoint.chain.solution import strictly_within
+from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History, histories_of, new_friction_arrays
+from rollingjoint.kernels.friction import (
+    FrictionArrays,
+    FrictionLaw,
+    History,
+    histories_of,
+    new_friction_arrays,
+)
 from rollingjoint.kernels.lanes import PENDING
 from rollingjoint.kernels.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
+from rollingjoint.kernels.walled_solve import WallArrays, solve_among_walls, step_among_walls
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
@@ -82,6 +90,17 @@ def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: in
         _on_batch(step_lanes, _kind(batch), FrictionArrays, _LEFT)(*batch, friction, remaining)
 
 
+def range_among_walls(batch: Any, walls: WallArrays, first: int, last: int) -> None:
+    """Solve rows first to last - 1 among walls, without friction; Python's lock is released meanwhile."""
+    _on_batch(solve_among_walls, _kind(batch), WallArrays, _LEFT)(*batch, walls, np.arange(first, last))
+
+
+def step_range_among_walls(batch: Any, friction: FrictionArrays, walls: WallArrays, first: int, last: int) -> None:
+    """Solve the steps with friction of rows first to last - 1 among walls; Python's lock is released meanwhile."""
+    step = _on_batch(step_among_walls, _kind(batch), FrictionArrays, WallArrays, _LEFT)
+    step(*batch, friction, walls, np.arange(first, last))
+
+
 def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
     """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, before any slip."""
     rows, (law, history) = slice(first, last), histories_of(friction, first, last)
@@ -114,9 +133,14 @@ def free_joints(batch: Any) -> NDArray[np.bool_]:
 def tip_rates(kernels: Kernels, batch: Any) -> Array:
     """d tip / d joint angle of solved rows of chains in space, (B, 3, J) [mm/rad]."""
     poses, axes = batch.results.poses, batch.chain.axes[batch.designs]
-    pivots = getattr(batch.results, kernels.pivots) if kernels.pivots else poses[:, :-1, :3, 3]
     turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
-    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - pivots), 1, 2)
+    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - pivots_of(kernels, batch.results)), 1, 2)
+
+
+def pivots_of(kernels: Kernels, results: Any) -> Array:
+    """Points about which the joints of chains in space turn, (B, J, 3) [mm]."""
+    pivots: Array = getattr(results, kernels.pivots) if kernels.pivots else results.poses[:, :-1, :3, 3]
+    return pivots
 
 
 def solve_batch(
@@ -127,14 +151,20 @@ def solve_batch(
     laws: TendonLaw,
     tables: Array,
     starts: Array,
+    walls: WallArrays | None = None,
 ) -> Any:
     """The equilibria of a batch of mechanisms of one class, unchecked.
 
     Args:
         kind: the class. mechanism: one, or one per row.
         chain, designs, laws, tables, starts: as in Kernels.batch_arrays.
+        walls: around the rows.
     """
     arrays = _new_batch(kind, chain, designs, laws, tables, starts)
+    if walls is not None:
+        work = partial(range_among_walls, arrays, walls)
+        run_in_threads(work, len(starts), starts.shape[1], abandon=True)
+        return kind.equilibrium.of_results(mechanism, tables, arrays.results, walls=WallStep.of(walls, False))
     run_in_threads(PinnedRange(kind.kernels, arrays), len(starts), starts.shape[1], abandon=True)
     return kind.equilibrium.of_results(mechanism, tables, arrays.results)
 
@@ -149,30 +179,43 @@ def step_batch(
     starts: Array,
     before: FrictionState,
     friction: FrictionLaw | None = None,
+    walls: WallArrays | None = None,
 ) -> Any:
     """The equilibria of a batch of steps with friction; the first arguments as of `solve_batch`.
 
-    before: histories of all rows; friction: their coefficients, default the mechanisms'.
+    before: histories of all rows; friction: their coefficients, default the mechanisms'; walls: around the rows. Given
+    both, the walls are all that rubs.
     """
     arrays = _new_batch(kind, chain, designs, laws, tables, starts)
-    steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
+    law = friction or friction_laws(mechanism, len(starts))
+    steps = new_friction_arrays(law, History(*before))
+    if walls is not None:
+        work = partial(step_range_among_walls, arrays, steps, walls)
+        run_in_threads(work, len(starts), starts.shape[1], abandon=True)
+        step = FrictionStep.of(steps) if friction is None else None
+        return kind.equilibrium.of_results(mechanism, tables, arrays.results, step, WallStep.of(walls, True))
     work = partial(step_range, kind.kernels, arrays, steps)
     run_in_threads(work, len(starts), starts.shape[1], abandon=True)
     return kind.equilibrium.of_results(mechanism, tables, arrays.results, FrictionStep.of(steps))
 
 
 def solve_one(
-    mechanism: AnyChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
+    mechanism: AnyChain,
+    law: TendonLaw,
+    table: Array,
+    start: Array,
+    before: FrictionState | None = None,
+    walls: WallArrays | None = None,
 ) -> Any:
     """The equilibrium of one mechanism, unchecked; `before` makes it a step with friction.
 
-    law: (m,) each; table: (rows, columns); start: (n - 1,) [rad].
+    law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]; walls: of one row.
     """
     laws = TendonLaw(*(values[None] for values in law))
     inputs = type(mechanism), mechanism, mechanism.arrays, _FIRST, laws, table[None], start[None]
     if before is None:
-        return solve_batch(*inputs).row(0)
-    return step_batch(*inputs, FrictionState(*(array[None] for array in before))).row(0)
+        return solve_batch(*inputs, walls).row(0)
+    return step_batch(*inputs, FrictionState(*(array[None] for array in before)), walls=walls).row(0)
 
 
 def _new_batch(

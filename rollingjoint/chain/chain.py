@@ -81,7 +81,6 @@ class Chain(ABC, Generic[S]):
         joint: name of a joint in messages.
         load_columns: columns of its load tables.
         kernels: the compiled code that solves it. equilibrium: the class of its solutions.
-        length_methods: methods of `solve_lengths` that it supports.
         slips: True where its joints are contacts, which may slip.
     """
 
@@ -91,7 +90,6 @@ class Chain(ABC, Generic[S]):
     load_columns: ClassVar[tuple[str, ...]]
     kernels: ClassVar[Kernels]
     equilibrium: ClassVar[type[Any]]
-    length_methods: ClassVar[tuple[str, ...]] = ("elastic",)
     slips: ClassVar[bool] = False
 
     tendons: Any

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History
+from rollingjoint.kernels.friction import N_COEFFICIENTS, PRESLIDING, FrictionArrays, FrictionLaw, History
 from rollingjoint.kernels.rubbed import begin_histories
 
 Array = NDArray[np.float64]
@@ -67,6 +67,15 @@ def friction_laws(mechanism: AnyChain | Sequence[AnyChain], n_rows: int) -> Fric
     if n_rows == 1:
         return FrictionLaw(tendons.copy(), rolling.copy())  # for arrays that are read-only kernels are compiled again
     return FrictionLaw(np.repeat(tendons, n_rows, axis=0), np.repeat(rolling, n_rows, axis=0))
+
+
+def no_friction(angles: Array, n_tendons: int) -> tuple[FrictionLaw, History]:
+    """Coefficients and histories of rows without friction, at joint angles (B, n - 1)."""
+    tendons, holes = np.zeros((len(angles), n_tendons, N_COEFFICIENTS)), np.zeros((3, *angles.shape, n_tendons))
+    tendons[..., PRESLIDING] = 1.0
+    states, slips, grips = holes
+    history = History(states, slips, grips, angles, np.zeros_like(angles))
+    return FrictionLaw(tendons, np.tile([0.0, 1.0], (len(angles), 1))), history
 
 
 def virgin_state(

@@ -79,7 +79,6 @@ class RollingChain(Chain[Equilibrium]):
     title: ClassVar[str] = "a planar chain of rolling links"
     dimension: ClassVar[int] = 2
     load_columns: ClassVar[tuple[str, ...]] = LOAD_COLUMNS
-    length_methods: ClassVar[tuple[str, ...]] = ("elastic", "least_squares")
     slips: ClassVar[bool] = True
     equilibrium: ClassVar[type[Equilibrium]] = Equilibrium
     kernels: ClassVar[Kernels] = Kernels(

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import read_only
-from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, virgin_state
+from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, no_friction, virgin_state
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import STATUSES, Status, codes_of
+from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.batch import stiffness_of
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 _S = TypeVar("_S")
 
 
+_APART = ("mechanism", "loads", "status", "friction", "walls")  # fields that are no outputs of kernels, or may be None
 _AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
 _FAR = 1e15  # eigenvalue assigned to joints that are held
 
@@ -41,8 +43,8 @@ def stacked(solutions: Sequence[Any]) -> Any:
     first = solutions[0]
     rows = max(len(solution.loads) for solution in solutions)
     tables = [np.pad(solution.loads, ((0, rows - len(solution.loads)), (0, 0))) for solution in solutions]
-    names = [entry.name for entry in fields(first) if entry.name not in ("mechanism", "loads", "friction")]
-    arrays = {name: np.array([getattr(solution, name) for solution in solutions]) for name in names if name != "status"}
+    names = [entry.name for entry in fields(first) if entry.name not in _APART]
+    arrays = {name: np.array([getattr(solution, name) for solution in solutions]) for name in names}
     arrays["status"] = np.array([int(solution.status) for solution in solutions])
     friction = None
     if any(solution.friction is not None for solution in solutions):
@@ -50,7 +52,8 @@ def stacked(solutions: Sequence[Any]) -> Any:
         state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
         gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
         friction = FrictionStep(gap_tensions, slip, work, state)
-    return replace(first, loads=np.array(tables), friction=friction, **arrays)
+    walls = None if first.walls is None else WallStep.stacked([solution.walls for solution in solutions])
+    return replace(first, loads=np.array(tables), friction=friction, walls=walls, **arrays)
 
 
 def _no_friction(solution: Solution) -> FrictionStep:
@@ -112,6 +115,7 @@ class Solution(ABC):
         residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
         iterations: Newton steps. status: Status, or (B,) integers.
         friction: results of friction; None for a solve without a history, or of a mechanism without friction.
+        walls: contact with walls; None for a solve without surroundings.
     """
 
     mechanism: Any
@@ -126,6 +130,7 @@ class Solution(ABC):
     iterations: int | NDArray[np.int64]
     status: Status | NDArray[np.int64]
     friction: FrictionStep | None = field(default=None, kw_only=True)
+    walls: WallStep | None = field(default=None, kw_only=True)
 
     _lazy_fields: ClassVar[dict[str, _LazyField]]  # by the names of their fields
     _NUMBER: ClassVar[str]  # a field that is a number, which a class adds
@@ -137,6 +142,8 @@ class Solution(ABC):
             check_shape(name, getattr(self, name), (*rows, *shape))
         if self.friction is not None:
             self.friction.check(rows, mechanism.n_joints, mechanism.n_tendons)
+        if self.walls is not None:
+            self.walls.check(rows, mechanism.n_links)
         if np.ndim(self.loads) != len(rows) + 2 or np.shape(self.loads)[:-2] != rows:
             raise InvalidInput("shape of loads", np.shape(self.loads), f"{(*rows, 'rows', 'columns')}")
         check_table(self.loads, mechanism.load_columns, mechanism.n_links)
@@ -145,11 +152,18 @@ class Solution(ABC):
                 object.__setattr__(self, name, read_only(value.copy()))
 
     @classmethod
-    def of_results(cls, mechanism: Any, table: Array, results: Any, friction: FrictionStep | None = None) -> Self:
+    def of_results(
+        cls,
+        mechanism: Any,
+        table: Array,
+        results: Any,
+        friction: FrictionStep | None = None,
+        walls: WallStep | None = None,
+    ) -> Self:
         """The equilibria in the outputs of a batch; mechanism: one, or one per row."""
         for array in (table, *results):
             array.setflags(write=False)
-        values = {"mechanism": mechanism, "loads": table, "friction": friction}
+        values = {"mechanism": mechanism, "loads": table, "friction": friction, "walls": walls}
         for name, place, columns in cls._places(results._fields):
             values[name] = results[place] if columns is None else results[place][..., columns]
         return cls.filled(values)
@@ -158,7 +172,8 @@ class Solution(ABC):
     @cache
     def _places(cls, outputs: tuple[str, ...]) -> list[tuple[str, int, slice | None]]:
         """Places of the fields in outputs of these names: name, number of the output, its columns."""
-        names = [entry.name for entry in fields(cls) if entry.name not in ("mechanism", "loads", "friction")]
+        apart = set(_APART) - {"status"}
+        names = [entry.name for entry in fields(cls) if entry.name not in apart]
         lazy = [cls._lazy_fields.get(name) or _LazyField(name, name, None) for name in names]
         return [(part.field, outputs.index(part.part), part.columns) for part in lazy]
 
@@ -172,6 +187,7 @@ class Solution(ABC):
         iterations: int,
         status: int,
         number: int | None = None,
+        walls: WallStep | None = None,
     ) -> Self:
         """One equilibrium, its arrays made from its outputs at their first use.
 
@@ -185,6 +201,7 @@ class Solution(ABC):
             "iterations": iterations,
             "status": STATUSES[status],
             "friction": None,
+            "walls": walls,
             "_outputs": outputs,
         }
         if number is not None:
@@ -224,14 +241,15 @@ class Solution(ABC):
 
     def row(self, index: int) -> Self:
         """One equilibrium of many."""
-        apart = ("mechanism", "loads", "status", "friction")
-        names = [entry.name for entry in fields(self) if entry.name not in apart]
+        names = [entry.name for entry in fields(self) if entry.name not in _APART]
         values = {name: getattr(self, name)[index] for name in names}
         plain = {name: value.item() if np.ndim(value) == 0 else value for name, value in values.items()}
         mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
         friction = None if self.friction is None else self.friction.row(index)
         status = Status(int(self._codes[index]))
-        plain |= {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
+        walls = None if self.walls is None else self.walls.row(index)
+        plain |= {"mechanism": mechanism, "loads": self.loads[index], "status": status}
+        plain |= {"friction": friction, "walls": walls}
         return self.filled(plain)
 
     @property
@@ -257,7 +275,9 @@ class Solution(ABC):
     @property
     def torques_per_tension(self) -> Array:
         """(n - 1, m) d residual / d tension at the motor [mm]: without friction the rates of the lengths."""
-        return self.tendon_rates if self.friction is None else self._with_friction[1]
+        if self.friction is not None:
+            return self._with_friction[1] if self.walls is None else self._among_walls[1]
+        return self.tendon_rates
 
     @property
     def gap_tensions(self) -> Array:
@@ -294,9 +314,41 @@ class Solution(ABC):
 
         Slightly negative where holes give back energy that they stored before they slipped.
         """
+        work: float | Array = 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
         if self.friction is not None:
-            return self.friction.work
-        return 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
+            work = self.friction.work
+        return work if self.walls is None else work + self.walls.work
+
+    @property
+    def wall_forces(self) -> Array:
+        """(n, 3) force of the walls on every link, x, y, and moment about its origin, base frame [N, N·mm]; planar."""
+        if self.walls is not None:
+            return self.walls.forces
+        return np.zeros((*self._codes.shape, self._one.n_links, 3))
+
+    @cached_property
+    def wall_contacts(self) -> list[Any]:
+        """The places where links press on walls, WallContacts; of many equilibria a list of them for each."""
+        every = [] if self.walls is None else self.walls.contacts(self._designs, self.joint_angles)
+        if self._codes.ndim:
+            return every or [[] for _ in range(self._codes.size)]
+        return every[0] if every else []
+
+    @property
+    def insertion_force(self) -> float | Array:
+        """Force that drives the base forwards against the walls, along its y axis [N]."""
+        force = -self.wall_forces[..., 1].sum(axis=-1)
+        return float(force) if force.ndim == 0 else force
+
+    @property
+    def jumped(self) -> bool | NDArray[np.bool_]:
+        """True where a joint moved farther than 0.05 rad and thrice the tangent at the start: a snap-through at walls.
+
+        It means something where the start was an equilibrium nearby; False without surroundings.
+        """
+        if self.walls is not None:
+            return self.walls.jumped
+        return False if self._codes.ndim == 0 else np.zeros(self._codes.size, bool)
 
     @property
     def remark(self) -> str:
@@ -335,6 +387,8 @@ class Solution(ABC):
         valid = self._codes != int(Status.INVALID_INPUT)
         loads = np.where(valid[..., None, None], self.loads, 0.0)
         angles = self._rows(self.joint_angles)
+        if self.walls is not None:
+            return self._among_walls[0]
         if self.friction is not None:
             return self._with_friction[0]
         H = np.empty((*angles.shape, angles.shape[1]))
@@ -433,6 +487,24 @@ class Solution(ABC):
         law = friction_laws(self.mechanism, len(angles))
         rubbed_stiffness_of(*self._designs, law, *tendons, loads, angles, history, A, torques)
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
+
+    @cached_property
+    def _among_walls(self) -> tuple[Array, Array, Array]:
+        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3)."""
+        assert self.walls is not None
+        valid = self._codes != int(Status.INVALID_INPUT)
+        loads = self._rows(np.where(valid[..., None, None], self.loads, 0.0), axes=2)
+        angles, state = self._rows(self.joint_angles), None if self.friction is None else self.friction.state
+        law, history = no_friction(angles, self.tensions.shape[-1])
+        if state is not None:
+            law = friction_laws(self.mechanism, len(angles))
+            history = History(*(self._rows(array, axes=array.ndim - self._codes.ndim) for array in state))
+        H, torques = np.empty((*angles.shape, angles.shape[1])), np.empty((*angles.shape, self.tensions.shape[-1]))
+        S = np.empty((*angles.shape, 3))
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        self.walls.stiffness(self._designs, law, tendons, loads, angles, history, (H, torques, S))
+        shape = self.joint_angles.shape
+        return H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, 3)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

@@ -17,6 +17,8 @@ class Status(IntEnum):
     UNSTABLE = 3
     NOT_CONVERGED = 4
     INVALID_INPUT = 5
+    NO_ROOM = 6
+    PASSED_THROUGH = 7
 
     @property
     def message(self) -> str:
@@ -46,6 +48,8 @@ _MESSAGES = {
     Status.NOT_CONVERGED: "not converged: a residual above 1e-8 N·mm, or follower forces on over 1,000 joints; "
     "try another start or smaller loads",
     Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
+    Status.NO_ROOM: "no room: rigid walls cannot all be kept out of; the pose that enters them least",
+    Status.PASSED_THROUGH: "passed through a wall: the step ends beyond it, also in smaller parts; take smaller steps",
 }
 
 STATUSES = tuple(Status)

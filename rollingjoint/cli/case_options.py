@@ -11,6 +11,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
+from rollingjoint.io.surroundings_file import load_surroundings
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.statics.inputs import Start
@@ -18,7 +19,10 @@ from rollingjoint.statics.least_squares import LARGEST_TENSION
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 # Options that have no effect unless an equilibrium is solved
-_SOLVING = *(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits"
+_SOLVING = (
+    *(option.name for option in OPTIONS),
+    *("gravity", "gravity_direction", "start", "method", "tension_limits", "surroundings", "base"),
+)
 _STIFFNESS = "K"  # name of the stiffness in options of springs, which must not be negative
 
 
@@ -31,6 +35,7 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
     parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
     add_tension_limits(parser)
     add_loads(parser)
+    add_surroundings(parser)
     text = "contact points [mm], or hinge angles of an arm [rad], to start from"
     parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
 
@@ -55,6 +60,14 @@ def add_loads(parser: argparse.ArgumentParser) -> None:
     loads.add_argument("--gravity-direction", nargs="+", type=float, metavar="X", help=text)
 
 
+def add_surroundings(parser: argparse.ArgumentParser) -> None:
+    """Adds the walls around a planar chain, and where its base is among them."""
+    walls = parser.add_argument_group("walls around a planar chain")
+    walls.add_argument("--surroundings", metavar="FILE", help="YAML file with the key surroundings")
+    text = "pose of the base among them [mm, rad] (default 0 0 0)"
+    walls.add_argument("--base", nargs=3, type=float, metavar=("X", "Y", "ANGLE"), help=text)
+
+
 def actuated(args: argparse.Namespace) -> bool:
     """Whether tensions or lengths are given.
 
@@ -71,21 +84,35 @@ def actuated(args: argparse.Namespace) -> bool:
 
 def equilibrium(args: argparse.Namespace, mechanism: AnyChain) -> Any:
     """The Equilibrium or HingeEquilibrium that the options define."""
-    loads, start = loads_of(args, mechanism), _start(args, mechanism)
+    loads, start, around = loads_of(args, mechanism), _start(args, mechanism), surroundings_of(args, mechanism)
     if args.tensions is not None:
         if args.method or args.tension_limits:
             option = "--method" if args.method else "--tension-limits"
             raise InvalidInput(option, args.method or args.tension_limits, "only beside --lengths")
         tensions = per_tendon("--tensions", args.tensions, mechanism)
-        return solve_tensions(mechanism, tensions, loads, start)
+        return solve_tensions(mechanism, tensions, loads, start, **around)
     lengths = per_tendon("--lengths", args.lengths, mechanism)
     limits, method = tension_limits_of(args), args.method or "elastic"
     if method == "least_squares" and args.tension_limits:
         checked("--tension-limits LO", args.tension_limits[0], 0.0, LARGEST_TENSION)
-    solution = solve_lengths(mechanism, lengths, loads, start, method=method, **limits)
+    solution = solve_lengths(mechanism, lengths, loads, start, method=method, **limits, **around)
     if solution.ok:
         note(args, report.length_note(solution, lengths))
     return solution
+
+
+def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
+    """Keyword arguments of solvers for the walls and the base, empty without the option."""
+    if args.surroundings is None:
+        if args.base is not None:
+            raise InvalidInput("--base", args.base, "--surroundings beside it")
+        return {}
+    if mechanism.dimension != 2:
+        raise InvalidInput("--surroundings", args.surroundings, "a planar chain", "Walls in space are not built yet.")
+    if args.method == "least_squares":
+        raise InvalidInput("--surroundings", args.surroundings, "--method elastic")
+    base = counted("--base", args.base or [0.0, 0.0, 0.0], 3)
+    return {"surroundings": load_surroundings(args.surroundings), "base": base}
 
 
 def note(args: argparse.Namespace, text: str) -> None:

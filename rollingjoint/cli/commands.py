@@ -7,7 +7,6 @@ Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Collection, Sequence
 from importlib import metadata
@@ -18,6 +17,8 @@ from rollingjoint.cad import command
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.checks import suggestion
 from rollingjoint.cli import loop_command, mjcf, reach_command, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
@@ -26,7 +27,7 @@ from rollingjoint.errors import InvalidInput, MissingPackage, SolverError, one_l
 from rollingjoint.interrupts import interrupted, interruptible
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.tables import print_any_character
+from rollingjoint.tables import print_any_character, readers_may_leave
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
 _LARGEST_FRICTION = 100.0
@@ -43,11 +44,8 @@ def _main(argv: Sequence[str] | None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     command = f"rj {argv[0]}" if argv else "rj"
     try:
-        code = _run(argv)
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:  # the reader, such as head, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with readers_may_leave():
+            return _run(argv)
         return OK
     except (InvalidInput, MissingPackage, OSError) as error:
         print(f"{command}: error: {one_line(str(error))}", file=sys.stderr)
@@ -67,6 +65,9 @@ def _run(argv: Sequence[str]) -> int:
         others = extensions()
         if argv and argv[0] in others:
             return run_extension(others[argv[0]], argv[1:])
+        if argv and not argv[0].startswith("-"):
+            known = sorted({*commands, *others})
+            raise InvalidInput("command", argv[0], ", ".join(known), suggestion(argv[0], known))
         parser.epilog = listed({name: entry for name, entry in others.items() if name not in commands})
     args = parser.parse_args(_with_negative_numbers(argv))
     code: int = args.run(args)
@@ -80,13 +81,13 @@ def _solve(args: argparse.Namespace) -> int:
     solution = equilibrium(args, mechanism)
     print(report.as_json(solution, friction) if args.json else report.as_table(solution, friction))
     if args.plot:
-        _draw(solution, args.plot)
+        _draw(solution, args.plot, friction)
     return OK if solution.ok else NOT_USABLE
 
 
 def _friction(option: float | None, mechanism: AnyChain) -> float:
     if option is not None and not mechanism.slips:
-        raise InvalidInput("--friction", option, "a planar chain", "Hinges do not slip.")
+        raise InvalidInput("--friction", option, "a chain of links that roll on each other", "Hinges do not slip.")
     friction = report.FRICTION if option is None else option
     if not 0 <= friction <= _LARGEST_FRICTION:
         raise InvalidInput("--friction", friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
@@ -97,7 +98,11 @@ def _plot(args: argparse.Namespace) -> int:
     _check_picture(args.out)
     mechanism = load_mechanism(args.mechanism)
     solution = equilibrium(args, mechanism) if actuated(args) else None
-    _draw(solution or mechanism, args.out)
+    friction = _friction(args.friction, mechanism)
+    if args.friction is not None and (solution is None or not isinstance(mechanism, SpatialChain)):
+        allowed = "rolling joints in space, in equilibrium (--tensions or --lengths)"
+        raise InvalidInput("--friction", friction, allowed, "Other pictures show nothing that depends on it.")
+    _draw(solution or mechanism, args.out, friction)
     return OK if solution is None or solution.ok else _unusable(args, solution)
 
 
@@ -120,11 +125,10 @@ def _export(args: argparse.Namespace) -> int:
         raise InvalidInput("--out", None, "a folder for manufacturing files; or --mjcf FILE.xml")
     files: list[Path] = []
     if args.out is not None:
-        chain = command.manufactured(mechanism, args.mechanism)
-        solution = equilibrium(args, chain) if actuated(args) else None
+        solution = equilibrium(args, mechanism) if actuated(args) else None
         if solution is not None and not solution.ok:
             return _unusable(args, solution)
-        files = command.export_files(solution or chain, args)
+        files = command.export_files(solution or mechanism, args)
     if model is not None:
         model.write()
         print(model.line)
@@ -175,10 +179,10 @@ def _check_picture(path: str | None) -> None:
         check_figure_path(path)
 
 
-def _draw(what: AnyChain | Solution, path: str) -> None:
+def _draw(what: AnyChain | Solution, path: str, friction: float) -> None:
     from rollingjoint.plotting.figure import figure_of, save_figure
 
-    save_figure(figure_of(what), path)
+    save_figure(figure_of(what, friction), path)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -209,7 +213,8 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     commands = parser.add_subparsers(title="mechanisms", dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
     add_case(solve, required=True)
-    solve.add_argument("--friction", type=float, metavar="MU", help=f"of links on links (default {report.FRICTION:g})")
+    of_links = f"of links on links (default {report.FRICTION:g})"
+    solve.add_argument("--friction", type=float, metavar="MU", help=of_links)
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
@@ -219,6 +224,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")
+    plot.add_argument(
+        "--friction", type=float, metavar="MU", help=f"{of_links}, where teeth hold rolling joints in space"
+    )
     plot.set_defaults(run=_plot)
     loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
     loop_command.add_options(loop)

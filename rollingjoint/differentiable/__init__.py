@@ -6,6 +6,7 @@ Modules:
     compiled: batches through the compiled solver.
     design: one chain in the plane or many as tensors.
     equilibria: results of the solvers.
+    formulas: formulas of kernels as functions of tensors.
     friction: friction of the tendons, and its memory from step to step.
     geometry: contacts of surfaces, routes of tendons.
     loads: loads, their energy, moments and stiffness.
@@ -21,8 +22,6 @@ Modules:
     spatial_statics: the whole chain in space at given angles.
     statics: the whole chain at given angles: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
-    tabulated: joints as the compiled solver's tables on a device.
-    transmission: play, sheath and limits of tension of motors.
 """
 
 from rollingjoint.errors import naming_extras

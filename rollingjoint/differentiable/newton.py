@@ -262,13 +262,12 @@ def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> tuple
     """
     free, right = freed(H, held), torch.where(held, 0.0, -residual)
     even = free if symmetric else 0.5 * (free + free.mT)
-    factor, failed = torch.linalg.cholesky_ex(even)
+    factor, bad, firm = factored(even, held)
     if symmetric:
         step = torch.cholesky_solve(right[..., None], factor)[..., 0]
     else:
         step = torch.linalg.solve_ex(free, right[..., None])[0][..., 0]
-    bad = failed > 0
-    firm = ~bad & definite(H, held, factor.diagonal(dim1=-2, dim2=-1).square()) | held.all(-1)
+    firm = firm | held.all(-1)
     if not may_look():
         down = right / even.abs().sum(-1).amax(-1, keepdim=True).clamp(min=1e-300)
         return torch.where(bad[..., None], down, step), firm
@@ -323,10 +322,13 @@ def freed(H: Tensor, held: Tensor) -> Tensor:
     return torch.where(held_pair, 0.0, H) + torch.diag_embed(held.to(H.dtype))
 
 
-def definite(H: Tensor, held: Tensor, pivots: Tensor) -> Tensor:
-    """Whether H over the free joints, with pivots (..., J), is positive definite beyond rounding, (...)."""
-    size = largest_free(H.diagonal(dim1=-2, dim2=-1), held)
-    return (torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * size) & (size >= NEGLIGIBLE)
+def factored(free: Tensor, held: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Cholesky factor of a `freed` H; where there is none, (...); where H is definite beyond rounding, (...)."""
+    factor, failed = torch.linalg.cholesky_ex(free)
+    size = largest_free(free.diagonal(dim1=-2, dim2=-1), held)
+    pivots = torch.where(held, torch.inf, factor.diagonal(dim1=-2, dim2=-1).square()).amin(-1)
+    bad = failed > 0
+    return factor, bad, ~bad & (pivots > SMALLEST_PIVOT * size) & (size >= NEGLIGIBLE)
 
 
 def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:

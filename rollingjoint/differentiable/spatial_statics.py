@@ -107,7 +107,7 @@ class SpatialState(ChainState):
 
     def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
         """This friction at this pose; turns in space have no sign."""
-        length, direction, lever, per_length = self._gaps
+        (length, direction, per_length), lever = self._gaps, self._levers
         leads, aside = self.routes.leads, self.routes.aside
         assert leads is not None and aside is not None
         crosses, turn = self.routes.crosses, self.joints.turn[..., None, :]
@@ -140,10 +140,7 @@ class SpatialState(ChainState):
     @cached_property
     def _own_stiffness(self) -> Tensor:
         """Stiffness from springs, gaps and the moving contact at every joint alone, (..., J)."""
-        _, _, lever, per_length = self._gaps
-        assert self.routes.aside is not None
-        slant = (self.routes.aside * per_length).square() * (lever.real.square() + lever.imag.square()) * per_length
-        return super()._own_stiffness + (self._pulls * slant).sum(-2) + self.planes.stiffnesses
+        return super()._own_stiffness + self.planes.stiffnesses
 
     @property
     def _pole_stiffness(self) -> Tensor:
@@ -154,7 +151,7 @@ class SpatialState(ChainState):
     @cached_property
     def reactions(self) -> Tensor:
         """Force and moment about the contact on the link above, along tangent, normal and axis, (..., J, 6)."""
-        _, direction, _, per_length = self._gaps
+        _, direction, per_length = self._gaps
         aside, entry = self.routes.aside, self.routes.entry
         assert aside is not None and entry is not None
         pulls, arm = self._pulls, self.routes.below - self.joints.touching[..., None, :]

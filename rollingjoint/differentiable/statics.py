@@ -14,12 +14,11 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.formulas import at_limit, elastic_tension, gap_rates, straight_gap
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.geometry import Joints, Routes, turned
 from rollingjoint.differentiable.loads import AnyLoads, Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
-from rollingjoint.differentiable.transmission import at_limit, limited_tension
-from rollingjoint.kernels.joints import CLOSED_GAP
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,8 @@ class Law:
         """Tensions [N], and d tension / d length [N/mm]."""
         if self.prescribed:
             return self.low, torch.zeros_like(lengths)
-        pull = self.stiffness * (lengths - self.command)
-        tensions = limited_tension(pull, self.low, self.high)
-        return tensions, torch.where(at_limit(pull, self.low, self.high), 0.0, self.stiffness)
+        tensions = elastic_tension(lengths, self.command, self.stiffness, self.low, self.high)
+        return tensions, torch.where(at_limit(tensions, self.low, self.high), 0.0, self.stiffness)
 
 
 @dataclass(frozen=True)
@@ -126,23 +124,34 @@ class ChainState:
         return self._below * self.joints.tangent
 
     @cached_property
-    def _gaps(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Length, direction, upper end from the contact, 1 / length (0: closed) of every gap, (..., m, J) each."""
+    def _gaps(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Length, direction, 1 / length (0: closed) of every gap, (..., m, J) each."""
         joints, routes = self.joints, self.routes
-        end = joints.origin[..., None, :] + joints.turn[..., None, :] * routes.above
-        span = end - routes.below
-        length = span.abs() if routes.aside is None else _norm(span.real, span.imag, routes.aside)
-        closed = length.detach() <= CLOSED_GAP
-        per_length = torch.where(closed, 0.0, 1.0 / torch.where(closed, 1.0, length))
-        direction = torch.where(closed, (1j * joints.tangent)[..., None, :], span * per_length)
-        return torch.where(closed, 0.0, length), direction, end - joints.touching[..., None, :], per_length
+        above = joints.origin[..., None, :] + joints.turn[..., None, :] * routes.above
+        below_aside, aside = ((), ()) if routes.aside is None else ((0.0,), (routes.aside,))
+        ends = (*_parts(routes.below), *below_aside), (*_parts(above), *aside)
+        length, direction, per_length, closed = straight_gap(*ends)
+        in_plane = torch.where(closed, (1j * joints.tangent)[..., None, :], torch.complex(*direction[:2]))
+        return torch.where(closed, 0.0, length), in_plane, per_length
 
     @cached_property
-    def _levers(self) -> tuple[Tensor, Tensor]:
-        """Parts of the lever r, from the contact to a gap's upper end, along and across the gap, (..., m, J) [mm]."""
-        _, direction, lever, _ = self._gaps
-        parts = direction.conj() * lever
-        return parts.real, parts.imag
+    def _rates(self) -> tuple[Tensor, Tensor]:
+        """g' [mm/rad] and g'' of every gap, (..., m, J) each."""
+        length, direction, per_length = self._gaps
+        below, along, contact, pole = map(_parts, (self.routes.below, direction, *self._pivots))
+        rate, second = gap_rates(1.0, below, length, along, per_length, contact, pole)
+        return rate, second
+
+    @property
+    def _pivots(self) -> tuple[Tensor, Tensor]:
+        """Contacts and poles, for every tendon, (..., 1, J) each."""
+        return self.joints.touching[..., None, :], self.joints.pole[..., None, :]
+
+    @property
+    def _levers(self) -> Tensor:
+        """From the contact to the upper end of every gap, (..., m, J) [mm]."""
+        length, direction, _ = self._gaps
+        return self.routes.below + length * direction - self._pivots[0]
 
     @cached_property
     def crossing(self) -> Tensor:
@@ -152,7 +161,7 @@ class ChainState:
     @property
     def _heights(self) -> Tensor:
         """Heights of the gaps over the contacts' tangents, (..., m, J) [mm]."""
-        length, direction, _, _ = self._gaps
+        length, direction, _ = self._gaps
         return length * dot((1j * self.joints.tangent)[..., None, :], direction)
 
     @cached_property
@@ -163,7 +172,7 @@ class ChainState:
     @cached_property
     def rates(self) -> Tensor:
         """g', d length / d joint angle, (..., m, J) [mm/rad]."""
-        return -self._levers[1] * self.routes.crosses
+        return self._rates[0] * self.routes.crosses
 
     @cached_property
     def _law(self) -> tuple[Tensor, Tensor]:
@@ -188,11 +197,11 @@ class ChainState:
 
     def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
         """This friction at this pose."""
-        length, direction, _, per_length = self._gaps
+        length, direction, per_length = self._gaps
         crosses, channels = self.routes.crosses, self.routes.along
         assert channels is not None
         along, up = channels[..., :-1], self.joints.turn[..., None, :] * channels[..., 1:]
-        rate = self._levers[0] * per_length
+        rate = dot(direction, self._levers) * per_length
         below, above = (torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up)))
         turns = (below, above, rate, 1.0 - rate)
         gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
@@ -246,10 +255,7 @@ class ChainState:
     @cached_property
     def _own_stiffness(self) -> Tensor:
         """Stiffness from gaps and the moving pole at every joint alone, (..., J)."""
-        _, direction, _, per_length = self._gaps
-        along, pole = self._levers[0], self.joints.pole  # |Jr|² - g'² is the square of r · v, r the lever
-        second = along * (along * per_length - 1.0) + cross(direction, pole[..., None, :])
-        return (self._pulls * second).sum(-2) + self._pole_stiffness
+        return (self._pulls * self._rates[1]).sum(-2) + self._pole_stiffness
 
     @property
     def _pole_stiffness(self) -> Tensor:
@@ -286,8 +292,6 @@ class ChainState:
         return self.moments.abs()
 
 
-def _norm(*parts: Tensor) -> Tensor:
-    """Length of vectors by their parts; its gradient at 0 is 0."""
-    square = torch.stack(torch.broadcast_tensors(*parts)).square().sum(0)
-    positive = square.detach() > 0.0
-    return torch.where(positive, torch.where(positive, square, 1.0).sqrt(), 0.0)
+def _parts(points: Tensor) -> tuple[Tensor, Tensor]:
+    """Coordinates of points."""
+    return points.real, points.imag

@@ -8,7 +8,7 @@ Modules:
     equations: the normal equations of a history.
     arrays: of all these.
     smoother: the most likely hidden numbers of episodes, step by step.
-    arm_hidden: as hidden, for arms with friction in their holes.
+    arm_hidden: as hidden, for arms and chains in space with friction in their holes.
     arm_derivatives: as derivatives, for arms.
     arm_rows: as kernels, for arms.
     arm_smoother: as smoother, for arms.
@@ -16,7 +16,7 @@ Modules:
 
 from rollingjoint.estimate.arm_hidden import LARGEST_TILT, ArmPrior, ArmRanges
 from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
-from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother
+from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother, is_served
 from rollingjoint.estimate.arrays import MeasurementLaw, MotorHistory
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior, HiddenRanges
 from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
@@ -24,4 +24,5 @@ from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
 __all__ = [
     "LARGEST_TILT", "ArmEffort", "ArmLaw", "ArmPrior", "ArmRanges", "ArmRows", "ArmSmoother", "Effort", "FollowedArm",
     "HiddenLayout", "HiddenPrior", "HiddenRanges", "MeasurementLaw", "MotorHistory", "Smoothed", "Smoother",
+    "is_served",
 ]  # fmt: skip

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.chain.batch import begin_range, free_joints, step_range, stiffnesses, tip_rates
+from rollingjoint.chain.batch import begin_range, free_joints, pivots_of, step_range, stiffnesses, tip_rates
 from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.compiled import (
     MU,
     N_COEFFICIENTS,
@@ -38,10 +39,14 @@ from rollingjoint.transmission import play_contact, play_step, sheath_direction,
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+Arm = HingeChain | SpatialChain
+
 _LINK, _POINT, _FORCE = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("link", "px", "fx"))
+_OF_ALL = ("tendon_joints", "cells", "coefficients")  # fields of an arm's arrays that all designs share
 _NARROW = 1e-6  # mm: half the width of a play that is none
 _LOST = 100.0  # cost of a step without a usable equilibrium
 _YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
+_LEAST_TENSION = 1e-3  # N: motors that are set by load cells hold at least that
 _LARGEST_TENSION = 1e4  # N: motors stand where they were measured, whatever the tension
 
 
@@ -49,9 +54,12 @@ class ArmLaw(NamedTuple):
     """The limits of tension of an arm, its start, and the errors of its measurements.
 
     start_tension: of all tendons before the payload acts [N]. start_sd: of the lengths that follow from it [mm].
-    low, high: tensions at which motors take their tendons along [N]. limit_sd: of these; inf: they are not used [N].
+    low, high: tensions at which motors take their tendons along; inf: not known [N]. limit_sd: of these; inf: they are
+    not used [N].
     tension_sd: of a measured tension [N]. tension_share: the same in proportion to it. robust: standard deviations
     beyond which a residual counts linearly. presliding: of the holes [mm].
+    cells_at_tendons: whether load cells are behind the sheath. measured: whether it is load cells that show the start
+    tension, of motors with their offsets.
     """
 
     start_tension: float
@@ -63,6 +71,8 @@ class ArmLaw(NamedTuple):
     tension_share: float
     robust: float
     presliding: float
+    cells_at_tendons: bool = False
+    measured: bool = False
 
 
 @dataclass
@@ -149,10 +159,11 @@ class FollowedArm:
     """An arm with a prior and a law, along whose rows histories are followed.
 
     Args:
-        arm: nominal, with exact tendons. prior: of the hidden numbers. law: of the measurements.
+        arm: nominal, an arm with exact tendons or a chain in space. prior: of the hidden numbers. law: of its
+            measurements.
     """
 
-    def __init__(self, arm: HingeChain, prior: ArmPrior, law: ArmLaw) -> None:
+    def __init__(self, arm: Arm, prior: ArmPrior, law: ArmLaw) -> None:
         self.arm, self.prior, self.law = arm, prior, law
         self._table = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))  # weights, and the payload in the last row
         self._table[:, _LINK] = [*range(1, arm.n_links), arm.n_joints]
@@ -201,25 +212,58 @@ class FollowedArm:
             How far lengths at the start tension are from where tendons are, (R, m) [mm], and the derivatives by
             the hidden numbers of the tendons' places less the lengths, (R, m, K).
         """
-        prior, at, law, m = self.prior, self.prior.layout, self.law, self.arm.n_tendons
+        prior, at, law, each = self.prior, self.prior.layout, self.law, np.arange(self.arm.n_tendons)
         off = np.divide(prior.means - rows.numbers, prior.sds, out=np.zeros_like(rows.numbers), where=prior.sds > 0.0)
         rows.information[:], rows.slope[:] = np.eye(at.total), off
         rows.cost[:], rows.misfit[:] = 0.5 * (off**2).sum(axis=1), 0.0
-        half, places = rows.numbers[:, at.half_widths : at.frictions], rows.numbers[:, at.places : at.holes]
+        half, places = rows.numbers[:, at.half_widths : at.frictions], rows.numbers[:, at.places : at.gains]
         rows.played[:], rows.by_width[:], rows.by_place[:] = motors - 2.0 * places * half, -2.0 * places, -2.0 * half
-        solved = self._start(rows)
-        tendons, motors_by = self._tendons(rows, solved), np.zeros_like(rows.tensions_by)
-        turns = self._turns(rows, solved, self._load_causes(rows, solved, 0.0))
-        lengths_by = np.empty_like(motors_by)
+        tensions, tensions_by = self._start_tensions(rows, motors)
+        solved = self._start(rows, tensions)
+        tendons, causes = self._tendons(rows, solved), self._load_causes(rows, solved, 0.0)
+        add_tendon_causes(tendons, tensions_by, rows.states_by, at.holes, at.hinges - at.holes == 1, causes)
+        turns, lengths_by = self._turns(rows, solved, causes), np.empty_like(tensions_by)
         pass_on(tendons, turns, law.presliding, True, rows.states_by, lengths_by)
         stiffnesses_now = self._stiffnesses(rows)
-        columns, each = -lengths_by, np.arange(m)
+        columns = tensions_by / stiffnesses_now[:, :, None] - lengths_by
         columns[:, each, at.half_widths + each] += rows.by_width
         columns[:, each, at.places + each] += rows.by_place
         factors = rows.numbers[:, at.stiffnesses : at.half_widths]
-        columns[:, each, at.stiffnesses + each] -= law.start_tension / (stiffnesses_now * factors)
-        away = solved.batch.results.lengths - law.start_tension / stiffnesses_now - rows.played
+        columns[:, each, at.stiffnesses + each] -= tensions / (stiffnesses_now * factors)
+        away = solved.batch.results.lengths - tensions / stiffnesses_now - rows.played
+        if law.measured:
+            away -= rows.numbers[:, at.offsets : at.stiffnesses]
+            columns[:, each, at.offsets + each] += 1.0
         return away, columns
+
+    def _start_tensions(self, rows: ArmRows, motors: Array) -> tuple[Array, Array]:
+        """Tensions before the payload acts, (R, m) [N], and their derivatives by the hidden numbers, (R, m, K)."""
+        at, law, each = self.prior.layout, self.law, np.arange(self.arm.n_tendons)
+        tensions, tensions_by = np.full_like(rows.played, law.start_tension), np.zeros_like(rows.tensions_by)
+        if not law.measured:
+            return tensions, tensions_by
+        gain, zero = self.prior.cells(rows.numbers)
+        tensions = (tensions - zero) / gain
+        share = np.ones_like(tensions)
+        if not law.cells_at_tendons:
+            half, friction = self._sheaths(rows)
+            place = sheath_direction(rows.played, motors, half)
+            share = 1.0 / sheath_ratio(friction, place)
+            tensions = share * tensions
+            tensions_by[:, each, at.frictions + each] = -tensions * place
+            inside = (half > 0.0) & (np.abs(place) < 1.0)
+            tensions_by[:, each, at.places + each] = np.where(inside, 2.0 * friction * tensions, 0.0)
+        if at.gains < at.zeros:
+            tensions_by[:, each, at.gains + each] = -tensions / gain
+            tensions_by[:, each, at.zeros + each] = -share / gain
+        held = tensions > max(law.low, _LEAST_TENSION)
+        return np.where(held, tensions, max(law.low, _LEAST_TENSION)), np.where(held[:, :, None], tensions_by, 0.0)
+
+    def _sheaths(self, rows: ArmRows) -> tuple[Array, Array]:
+        """Half widths of the play, 0 where there is none, and coefficients of friction, (R, m) each."""
+        at = self.prior.layout
+        half = rows.numbers[:, at.half_widths : at.frictions]
+        return np.where(half > _NARROW, half, 0.0), rows.numbers[:, at.frictions : at.places]
 
     def _take_start(self, rows: ArmRows, away: Array, columns: Array) -> None:
         """Take in that tendons begin at the start tension, but those which are at a limit as soon as they are held."""
@@ -247,9 +291,9 @@ class FollowedArm:
         sizes = np.concatenate([self._weights(rows), pays * rows.numbers[:, at.payload, None]], axis=1)
         tables[:, :, _FORCE : _FORCE + 3] = sizes[:, :, None] * self._gravity(rows)[:, None]
         springs = arm.arrays.springs * rows.numbers[:, at.hinges : at.weights]
-        shared = arm.arrays._asdict() | {"tendon_joints": None, "springs": None}
-        stack = {name: None if each is None else np.repeat(each, R, axis=0) for name, each in shared.items()}
-        chain = type(arm.arrays)(**(stack | {"tendon_joints": arm.arrays.tendon_joints, "springs": springs}))
+        stack = arm.arrays._asdict()
+        stack |= {name: np.repeat(each, R, axis=0) for name, each in stack.items() if name not in _OF_ALL}
+        chain = type(arm.arrays)(**(stack | {"springs": springs}))
         results = arm.kernels.new_results(R, arm.n_joints, arm.n_tendons)
         return arm.kernels.batch_arrays(chain, np.arange(R), laws, tables, starts.copy(), results)
 
@@ -262,11 +306,10 @@ class FollowedArm:
         history = History(rows.states, rows.slips, rows.grips, rows.angles.copy(), np.zeros((R, n_joints)))
         return new_friction_arrays(FrictionLaw(coefficients, rolling), history)
 
-    def _start(self, rows: ArmRows) -> _ArmEquilibria:
-        """Equilibria at the start tension without payload and friction; begins the history of the holes."""
-        R, J, m, law = len(rows.steps), self.arm.n_joints, self.arm.n_tendons, self.law
-        held = np.full((R, m), law.start_tension)
-        laws = TendonLaw(np.zeros((R, m)), np.ones((R, m)), held, held.copy())
+    def _start(self, rows: ArmRows, tensions: Array) -> _ArmEquilibria:
+        """Equilibria at tensions (R, m) without payload and friction; begins the history of the holes."""
+        R, J = len(rows.steps), self.arm.n_joints
+        laws = TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions.copy())
         batch = self._batch(rows, laws, np.tile(self.arm.neutral_angles, (R, 1)), 0.0)
         run_in_threads(PinnedRange(self.arm.kernels, batch), R, J)
         rows.angles[:] = batch.starts[:] = batch.results.joint_angles
@@ -294,7 +337,8 @@ class FollowedArm:
 
     def _tendons(self, rows: ArmRows, solved: _ArmEquilibria) -> RubbedTendons:
         at, results = self.prior.layout, solved.batch.results
-        gap_tensions = np.zeros_like(rows.states) if solved.friction is None else solved.friction.tension
+        alike = np.repeat(results.tensions[:, None], self.arm.n_joints, axis=1)
+        gap_tensions = alike if solved.friction is None else solved.friction.tension
         mu = rows.numbers[:, at.holes : at.hinges] * np.ones((1, self.arm.n_tendons))
         crossed = np.array(self.arm.last_links, np.int64)
         tensions = results.tensions, gap_tensions
@@ -335,12 +379,13 @@ class FollowedArm:
         R, J = len(rows.steps), arm.n_joints
         gravity, weights, payload = self._gravity(rows), self._weights(rows), pays * rows.numbers[:, at.payload]
         rotations, origins = poses[:, :, :3, :3], poses[:, :, :3, 3]
+        pivots = pivots_of(arm.kernels, solved.batch.results)
         axes = (rotations[:, :-1] @ arm.arrays.axes[0][:, :, None])[..., 0]
         centres = origins[:, 1:] + (rotations[:, 1:] @ arm.centres[:, :, None])[..., 0]
-        tip = origins[:, -1:] - origins[:, :-1]
+        tip = origins[:, -1:] - pivots
         beyond = weights[:, ::-1].cumsum(axis=1)[:, ::-1, None]
         moments = (weights[:, :, None] * centres)[:, ::-1].cumsum(axis=1)[:, ::-1]
-        moments = moments - beyond * origins[:, :-1] + payload[:, None, None] * tip
+        moments = moments - beyond * pivots + payload[:, None, None] * tip
         levers = np.cross(gravity[:, None], axes)  # torque about an axis of a force along gravity, per distance
         causes = np.zeros((R, J, at.total))
         x, y, z = gravity.T
@@ -348,10 +393,10 @@ class FollowedArm:
         for axis, across in enumerate((x, y)):
             causes[:, :, axis] = by_gravity[:, :, axis] - by_gravity[:, :, 2] * (across / z)[:, None]
         causes[:, :, at.payload] = pays * (levers * tip).sum(axis=2)
-        turned = levers @ np.swapaxes(centres, 1, 2) - (levers * origins[:, :-1]).sum(axis=2, keepdims=True)
+        turned = levers @ np.swapaxes(centres, 1, 2) - (levers * pivots).sum(axis=2, keepdims=True)
         causes[:, :, at.weights : at.total] = np.triu(turned) * arm.weights
         each, angles = np.arange(J), solved.batch.results.joint_angles
-        causes[:, each, at.hinges + each] = -arm.joint_stiffnesses * (angles - arm.neutral_angles)
+        causes[:, each, at.hinges + each] = -arm.arrays.springs[0] * (angles - arm.arrays.joints[0, :, 2])
         return causes
 
     def _gravity(self, rows: ArmRows) -> Array:
@@ -367,19 +412,21 @@ class FollowedArm:
     def _take_tensions(self, rows: ArmRows, motors: Array, shifts: Array, measured: Array) -> None:
         """Take the measured tensions of a step in, and that a motor which gives way is at its limit."""
         at, law, each = self.prior.layout, self.law, np.arange(self.arm.n_tendons)
-        half, friction = (
-            rows.numbers[:, at.half_widths : at.frictions],
-            rows.numbers[:, at.frictions : at.places],
-        )
-        place = sheath_direction(rows.played, motors, np.where(half > _NARROW, half, 0.0))
-        ratio = sheath_ratio(friction, place)
-        expected = ratio * rows.tensions
+        half, friction = self._sheaths(rows)
+        gain, zero = self.prior.cells(rows.numbers)
+        place = 0.0 * half if law.cells_at_tendons else sheath_direction(rows.played, motors, half)
+        ratio = gain * sheath_ratio(friction, place)
+        shown = ratio * rows.tensions
         columns = ratio[:, :, None] * rows.tensions_by
-        inside = (half > _NARROW) & (np.abs(place) < 1.0)
-        pull = np.divide(expected * friction, half, out=np.zeros_like(half), where=inside)
+        inside = (half > 0.0) & (np.abs(place) < 1.0) & (not law.cells_at_tendons)
+        pull = np.divide(shown * friction, half, out=np.zeros_like(half), where=inside)
         columns[:, each, at.half_widths + each] += pull * (rows.by_width - place)
         columns[:, each, at.places + each] += pull * rows.by_place
-        columns[:, each, at.frictions + each] += expected * place
+        columns[:, each, at.frictions + each] += shown * place
+        if at.gains < at.zeros:
+            columns[:, each, at.gains + each] += shown / gain
+            columns[:, each, at.zeros + each] += 1.0
+        expected = shown + zero
         self._add(rows, columns, measured - expected, np.hypot(law.tension_sd, law.tension_share * expected))
         yielded = np.abs(shifts) > _YIELD
         if yielded.any() and law.limit_sd < math.inf:

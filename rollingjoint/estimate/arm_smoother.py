@@ -12,7 +12,7 @@ from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.compiled import Floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate.arm_hidden import ArmPrior
-from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
+from rollingjoint.estimate.arm_rows import Arm, ArmLaw, ArmRows, FollowedArm
 from rollingjoint.estimate.arrays import MotorHistory
 from rollingjoint.estimate.equations import propose
 from rollingjoint.estimate.smoother import LEAST_DAMPING, MOST_DAMPING, Smoothed, adapted_damping
@@ -51,6 +51,12 @@ class NormalEquations(NamedTuple):
     priors: Annotated[Integers, "R"]  # index of the prior
 
 
+def is_served(arm: Arm) -> bool:
+    """Whether the smoother knows a mechanism: exact tendons, no springs between links, no rolling resistance."""
+    exact = not isinstance(arm, HingeChain) or arm.model == "exact"
+    return exact and not arm.springs and arm.rolling_coefficients[0] == 0.0
+
+
 class ArmSmoother:
     """Maximum a posteriori estimate of the hidden numbers of N episodes of an arm side by side, step by step.
 
@@ -58,20 +64,21 @@ class ArmSmoother:
     the present estimate (Gauss-Newton), where that lowers the cost (Levenberg-Marquardt).
 
     Args:
-        arm: the nominal mechanism, with exact tendons and without springs.
+        arm: the nominal mechanism, see `is_served`.
         prior: of its hidden numbers.
         law: of its measurements.
         effort: of the search.
         steps: number of measured steps that an episode can have.
     Raises:
-        InvalidInput: an arm with springs or other tendons.
+        InvalidInput: another mechanism.
     """
 
     def __init__(
-        self, arm: HingeChain, prior: ArmPrior, law: ArmLaw, effort: ArmEffort | None = None, steps: int = 51
+        self, arm: Arm, prior: ArmPrior, law: ArmLaw, effort: ArmEffort | None = None, steps: int = 51
     ) -> None:
-        if arm.springs or arm.model != "exact":
-            raise InvalidInput("mechanism", arm, "an arm with exact tendons and without springs", "No other is served.")
+        if not is_served(arm):
+            allowed = "an arm with exact tendons or a chain in space, without springs and rolling resistance"
+            raise InvalidInput("mechanism", arm, allowed, "No other is served.")
         self.prior, self.effort, self._steps = prior, effort or ArmEffort(), steps
         self._arm, self._followed, self._count = arm, FollowedArm(arm, prior, law), -1
         self.reset(np.ones(0, bool))
@@ -153,7 +160,7 @@ class ArmSmoother:
         rows, at = self._rows, self.prior.layout
         numbers = self._proposals(self._damping)
         change = numbers - rows.numbers
-        widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.holes)
+        widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.gains)
         commands = slice(at.offsets, at.stiffnesses)
         return Smoothed(
             numbers,

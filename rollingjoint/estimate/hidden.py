@@ -115,6 +115,11 @@ class HiddenPrior:
         sds[:2] = 0.5 * strongest if ranges.wanders else any_direction
         return cls(layout, 0.5 * (low + high), sds, low, high, strongest)
 
+    def cells(self, numbers: Array) -> tuple[Array, Array]:
+        """Gains and zeros [N] of the load cells in hidden numbers (R, K), (R, m) each."""
+        at = self.layout
+        return numbers[:, at.gains : at.zeros], numbers[:, at.zeros : at.surfaces]
+
     def without_surfaces(self) -> HiddenPrior:
         """The same with exact contact surfaces."""
         count = self.layout.surfaces

@@ -184,6 +184,9 @@ class Smoother:
             rows = np.flatnonzero(history.counts == 0)
             history.motors[rows, 0], history.tensions[rows, 0] = motors[rows], self._fine.model.law.start_tension
             history.counts[rows] = 1
+            starts = self._track.numbers[rows]
+            self._place_at_start(starts, rows)
+            self._track.numbers[rows] = starts
         rows = np.flatnonzero(history.counts < self._steps)
         for values, measured in zip(history[1:4], (motors, shifts, tensions), strict=True):
             values[rows, history.counts[rows]] = measured[rows]
@@ -276,7 +279,10 @@ class Smoother:
         self._damping[rows[better]] = LEAST_DAMPING
 
     def _place_at_start(self, numbers: Array, episodes: Integers) -> None:
-        """Let motors begin where the start tension has them but for offsets and sheaths, in hidden numbers (R, K)."""
+        """Let tendons begin near the start tension, in hidden numbers (R, K), by places in the play.
+
+        Where motors were set with their offsets, those account for the rest: a chain that is slack tells nothing.
+        """
         law, at, m = self._fine.model.law, self.prior.layout, self._n_tendons
         if not (math.isfinite(law.start_sd) or math.isfinite(law.shown_sd)):
             return
@@ -285,6 +291,10 @@ class Smoother:
         widths = 2.0 * numbers[:, at.half_widths : at.frictions]
         shares = np.divide(ahead, widths, out=np.zeros_like(ahead), where=widths > 0.0)
         numbers[:, at.places : at.places + m] = np.clip(shares, -0.5, 0.5)
+        if math.isfinite(law.shown_sd):
+            offsets, priors = slice(at.offsets, at.stiffnesses), self._fine.bounds
+            rest = ahead - numbers[:, at.places : at.places + m] * widths
+            numbers[:, offsets] = np.clip(-rest, *(bound[0, offsets] for bound in priors))
 
     def _fit(self, followed: _Followed, track: Track, rounds: int) -> None:
         """Levenberg-Marquardt steps of all rows, in place."""

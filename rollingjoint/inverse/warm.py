@@ -18,7 +18,7 @@ from rollingjoint.statics.slot import spare_slot
 Array = NDArray[np.float64]
 
 
-class _Memory:
+class _SearchRoom:
     """Room for one search for a tip of a mechanism under a number of load rows, used by one thread at a time."""
 
     def __init__(self, chain: AnyChain, rows: int) -> None:
@@ -63,9 +63,9 @@ def reach_from(
     try:
         memory = spares.pop()  # in one step, whichever threads come together
     except IndexError:
-        memory = _Memory(chain, len(table))
+        memory = _SearchRoom(chain, len(table))
     if memory.arrays is not chain.arrays:
-        memory = _Memory(chain, len(table))
+        memory = _SearchRoom(chain, len(table))
     rows, (low, high) = memory.rows, limits
     rows.loads[...] = table
     rows.low[...], rows.high[...], rows.preferred[...] = low, high, preferred

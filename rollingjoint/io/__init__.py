@@ -4,4 +4,5 @@ Modules:
     loop_report: loops as tables, JSON and CSV.
     mechanism_file: YAML <-> mechanism.
     report: tables and JSON.
+    surroundings_file: YAML -> surroundings.
 """

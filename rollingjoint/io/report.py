@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.status import Status
-from rollingjoint.tables import column_dicts, column_table, number_table
+from rollingjoint.chain.wall_step import WallContact
+from rollingjoint.tables import column_dicts, column_table, number_table, text_table
 
 Array = NDArray[np.float64]
 
@@ -70,7 +71,52 @@ def as_table(equilibrium: Solution, friction: float = FRICTION) -> str:
     joints = column_table(equilibrium.mechanism.joint, equilibrium.joint_columns(friction))
     tendons = zip(range(len(equilibrium.tensions)), equilibrium.tensions, equilibrium.lengths, strict=True)
     pulled = number_table(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4))
-    return "\n\n".join((links, joints, pulled, status_line(equilibrium)))
+    return "\n\n".join((links, joints, pulled, *_wall_table(equilibrium), status_line(equilibrium)))
+
+
+def _wall_table(equilibrium: Solution) -> list[str]:
+    """Contacts with walls as aligned columns, and the insertion force; empty without surroundings."""
+    if equilibrium.walls is None:
+        return []
+    head = ("link", "wall", "x [mm]", "y [mm]", "gap [mm]", "normal [N]", "friction [N]", "state")
+    rows = [
+        [str(touch.link), _wall(touch)]
+        + [f"{value + 0.0:.4f}" for value in (*touch.place, touch.gap, touch.force, touch.friction)]
+        + [f"{touch.state + 0.0:.2f}"]
+        for touch in equilibrium.wall_contacts
+    ]
+    forces = f"insertion force {equilibrium.insertion_force + 0.0:.4f} N{', jumped' * bool(equilibrium.jumped)}"
+    return [text_table(head, rows, left=0) if rows else "no link touches a wall", forces]
+
+
+def _wall(touch: WallContact) -> str:
+    return f"{touch.kind} {touch.wall}"
+
+
+def _wall_figures(equilibrium: Solution) -> dict[str, Any]:
+    """Contact with walls for JSON; empty without surroundings."""
+    if equilibrium.walls is None:
+        return {}
+    contacts = [
+        {
+            "link": touch.link,
+            "wall": _wall(touch),
+            "place_mm": touch.place.tolist(),
+            "normal": touch.normal.tolist(),
+            "gap_mm": touch.gap,
+            "normal_N": touch.force,
+            "friction_N": touch.friction,
+            "state": touch.state,
+            "sticks": touch.sticks,
+        }
+        for touch in equilibrium.wall_contacts
+    ]
+    return {
+        "wall_contacts": contacts,
+        "wall_forces_N_N_mm": equilibrium.wall_forces.tolist(),
+        "insertion_force_N": float(equilibrium.insertion_force),
+        "jumped": bool(equilibrium.jumped),
+    }
 
 
 def as_json(equilibrium: Solution, friction: float = FRICTION) -> str:
@@ -96,6 +142,7 @@ def as_dict(equilibrium: Solution, friction: float = FRICTION) -> dict[str, Any]
             {"tendon": j, "tension_N": float(tension), "length_mm": float(length)}
             for j, (tension, length) in enumerate(zip(equilibrium.tensions, equilibrium.lengths, strict=True))
         ],
+        **_wall_figures(equilibrium),
     }
 
 

@@ -13,6 +13,7 @@ Modules:
     elementary: elementary functions of numbers and SIMD lanes alike.
     formulas: the names of the formulas that a class of chains brings.
     friction: capstan friction with memory: tensions, slip and their rates.
+    gaps: gaps between outlines and walls, and ways along walls.
     hinge_lanes: arms in lanes, without and with friction.
     hinge_solve: one equilibrium of a chain in space, one step with friction, and the place of results.
     hinges: arms: arrays, poses, gaps, tendon lengths.
@@ -37,6 +38,9 @@ Modules:
     torsion_springs: springs between two links, in the plane and in space.
     turns: turns of tendons at their holes, and the forces that press links together.
     vectors: vectors of the plane and of space.
+    walled_chain: a planar chain among walls.
+    walled_solve: equilibria among walls, row by row, and what contacts remember.
+    walls: arrays of walls and outlines.
 """
 
 from rollingjoint.kernels import hinge_solve as hinge_solve

@@ -15,7 +15,7 @@ from rollingjoint._numba.layout import Floats
 _MANY_LANES = 1024
 
 # Status codes, the values of chain.status.Status
-CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
+CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT, NO_ROOM, PASSED_THROUGH = range(8)
 
 
 class TendonLaw(NamedTuple):

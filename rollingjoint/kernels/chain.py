@@ -6,11 +6,22 @@ Symbols as in docs/theory.md: r = dV/dphi (residual), H = dr/dphi (stiffness).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.formulas import formula
-from rollingjoint.kernels.long_chain import symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.long_chain import (
+    no_friction_outside,
+    no_walls,
+    same_above,
+    symmetric_direction,
+    unchanged,
+    unlimited,
+    whole_step,
+)
 from rollingjoint.kernels.newton import reclassified
 from rollingjoint.kernels.tendons import evaluate_tendons
 
@@ -69,15 +80,23 @@ def fill_generators(chain, loads, state, prox, sweep):
         sweep.diagonal[i] = diagonal
 
 
-def register(kind: type) -> None:
-    """Have a class of chains, the NamedTuple class of its arrays, evaluated by the functions of this module."""
-    for generic, piece in (
-        (formulas.evaluate, evaluate),
-        (formulas.stiffness, stiffness),
-        (formulas.fill_generators, fill_generators),
+def register(kind: type, own: Sequence[Any] = ()) -> None:
+    """Have a class of chains, the NamedTuple class of its arrays, evaluated by the functions of this module.
+
+    own: the formulas that the class brings itself.
+    """
+    for generic, function in (
+        (formulas.evaluate, evaluate.py_func),
+        (formulas.stiffness, stiffness.py_func),
+        (formulas.fill_generators, fill_generators.py_func),
+        (formulas.fill_upper_generators, same_above),
+        (formulas.direction, symmetric_direction),
+        (formulas.shorten, whole_step),
+        (formulas.renew, unchanged),
+        (formulas.overshoots, unlimited),
+        (formulas.soften, no_friction_outside),
+        (formulas.is_among_walls, no_walls),
+        (formulas.reconsider, reclassified),
     ):
-        formula(generic, kind)(piece.py_func)
-    formula(formulas.direction, kind)(symmetric_direction)
-    formula(formulas.renew, kind)(unchanged)
-    formula(formulas.overshoots, kind)(unlimited)
-    formula(formulas.reconsider, kind)(reclassified)
+        if generic not in own:
+            formula(generic, kind)(function)

@@ -138,6 +138,11 @@ def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: A
     raise TypeError("fill_load_generators is compiled into kernels")
 
 
+def generator_columns(chain: Any, loads: Any) -> Any:
+    """Number of columns of a Sweep for the loads; chains in the plane."""
+    raise TypeError("generator_columns is compiled into kernels")
+
+
 def stiffness(chain: Any, loads: Any, state: Any, H: Any) -> None:
     """Fill H = dr/dangle, (J, J), at an evaluated state."""
     raise TypeError("stiffness is compiled into kernels")
@@ -158,9 +163,29 @@ def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
     raise TypeError("fill_normals is compiled into kernels")
 
 
+def fill_upper_generators(chain: Any, state: Any, U: Any, Q: Any) -> None:
+    """Fill Q, the generators above the diagonal, from those below it, U of a Sweep: others where H is not symmetric."""
+    raise TypeError("fill_upper_generators is compiled into kernels")
+
+
 def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:
     """Fill a step along which the line search descends: Newton's, changed where H is not positive definite."""
     raise TypeError("direction is compiled into kernels")
+
+
+def shorten(chain: Any, state: Any, step: Any) -> None:
+    """Shorten a step of Newton's method that would move the chain too far."""
+    raise TypeError("shorten is compiled into kernels")
+
+
+def soften(chain: Any, softness: Any) -> None:
+    """Multiply the presliding of friction outside the chain."""
+    raise TypeError("soften is compiled into kernels")
+
+
+def is_among_walls(chain: Any) -> Any:
+    """Whether there are walls around the chain."""
+    raise TypeError("is_among_walls is compiled into kernels")
 
 
 def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:

@@ -13,11 +13,18 @@ import math
 import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
-from rollingjoint._numba.jit import part
+from rollingjoint._numba.jit import kernel, part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.bounds import begin, mark_free, move
-from rollingjoint.kernels.contacts import ContactJoints, fill_reaction, load_force, new_contact_state, store_poses
+from rollingjoint.kernels.contacts import (
+    ContactJoints,
+    design,
+    fill_reaction,
+    load_force,
+    new_contact_state,
+    store_poses,
+)
 from rollingjoint.kernels.descent import most_descent_steps, relax
 from rollingjoint.kernels.formulas import evaluate, formula, stiffness
 from rollingjoint.kernels.hinges import (
@@ -265,6 +272,20 @@ def _fill_reaction(chain, state, tension, i, reaction):
     """`fill_reaction` under all loads beyond the joint."""
     beyond = load_force(state, i), load_moment(state, i)
     fill_reaction(chain.frames, chain.offsets, chain.holes, chain.tendon_joints, state, tension, *beyond, i, reaction)
+
+
+@kernel(short_loops=True, title="the reactions of hinges")
+def reactions_of(chain, designs, tensions, loads, angles, reactions):
+    """Fill reactions, (B, J, 6), at joint angles (B, J) under tensions in the gaps, (B, J, m)."""
+    state = new_contact_state(angles.shape[1], chain.tendon_joints.size)
+    for lane in range(angles.shape[0]):
+        mechanism = design(chain, designs[lane])
+        for i in range(angles.shape[1]):
+            state.angle[i] = angles[lane, i]
+        formulas.evaluate_geometry(mechanism, state)
+        formulas.evaluate_loads(mechanism, borrow(loads[lane]), state)
+        for i in range(angles.shape[1]):
+            _fill_reaction(mechanism, state, tensions[lane, i], i, reactions[lane, i])
 
 
 @formula(formulas.store_friction, ContactJoints)

@@ -128,3 +128,23 @@ def unchanged(chain, state, energy, magnitude):
 def unlimited(chain, slope, new_slope):
     """`overshoots` where the line search goes by a potential: no step is too long as long as that falls."""
     return False
+
+
+def same_above(chain, state, U, Q):
+    """`fill_upper_generators` where H is symmetric."""
+    for i in range(U.shape[0]):
+        for a in range(U.shape[1]):
+            Q[i, a] = U[i, a]
+
+
+def no_friction_outside(chain, softness):
+    """`soften` where there is none."""
+
+
+def no_walls(chain):
+    """`is_among_walls` of a chain by itself."""
+    return False
+
+
+def whole_step(chain, state, step):
+    """`shorten` where a chain has nothing to run into."""

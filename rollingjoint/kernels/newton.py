@@ -27,7 +27,16 @@ from rollingjoint.kernels.arrays import (
     UNSTABLE,
 )
 from rollingjoint.kernels.bounds import mark_free, move, release_step
-from rollingjoint.kernels.formulas import direction, evaluate, fill_generators, overshoots, reconsider, renew, stiffness
+from rollingjoint.kernels.formulas import (
+    direction,
+    evaluate,
+    fill_generators,
+    overshoots,
+    reconsider,
+    renew,
+    shorten,
+    stiffness,
+)
 from rollingjoint.kernels.linear import cholesky, damped_step, eigen, largest, lu_step, smallest_real_part
 from rollingjoint.kernels.long_chain import DENSE_JOINTS, factor, new_sweep
 
@@ -90,6 +99,7 @@ def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L
     if longest > MAX_STEP:
         for i in range(free.size):
             step[i] *= MAX_STEP / longest
+    shorten(chain, state, step)
 
 
 @part

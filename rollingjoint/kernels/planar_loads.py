@@ -89,6 +89,12 @@ def generator_columns(standing, loads):
     return (3 if _has_springs(standing, loads) else 1) + torsion_columns(standing, loads, True)
 
 
+@formula(formulas.generator_columns, Chain)
+def columns_of_loads(chain, loads):
+    """`generator_columns` of a chain."""
+    return generator_columns(chain.standing, loads)
+
+
 @part(inline=True)
 def _add_loads(table, state, energy, magnitude):
     """Add the rows of a table to the sums of each link; returns energy and magnitude with the terms of the rows."""
@@ -177,8 +183,13 @@ def add_between_links(chain, loads, H):
 @formula(formulas.fill_load_generators, Chain)
 def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep with the terms of loads and moving contacts."""
+    fill_generators_of_loads(chain, loads, state, prox, _has_springs(chain.standing, loads), sweep)
+
+
+@part
+def fill_generators_of_loads(chain, loads, state, prox, springs, sweep):
+    """fill_load_generators; springs: whether there are the columns of springs."""
     standing, sums, contact = chain.standing, state.sums, state.contact
-    springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
         cx, cy = contact[i, 0], contact[i, 1]
         lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]

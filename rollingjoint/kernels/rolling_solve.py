@@ -10,10 +10,11 @@ from rollingjoint.kernels.descent import most_descent_steps
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS
-from rollingjoint.kernels.planar_loads import N_COLUMNS, STIFFNESSES, generator_columns, has_potential
+from rollingjoint.kernels.planar_loads import N_COLUMNS, STIFFNESSES, has_potential
 from rollingjoint.kernels.rolling import Chain, contact_forces, new_state
 from rollingjoint.kernels.rubbed_chain import settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
+from rollingjoint.kernels.walled_chain import Walled
 
 
 @formula(formulas.new_state, Chain)
@@ -40,12 +41,12 @@ def stiffness_columns(chain):
     return STIFFNESSES
 
 
-@formula(formulas.solve, Chain)
+@formula(formulas.solve, Chain, Walled)
 def solve(chain, law, loads, start, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, largest free |r|, 0)."""
     conservative = has_potential(chain.standing, loads)
     n = long_joints(start.size, conservative)
-    sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
+    sweep = new_sweep(n, formulas.generator_columns(chain, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
     how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, False
     status, count, worst = settle(*how, law, loads, start, state, H, sweep)
@@ -56,10 +57,10 @@ def solve(chain, law, loads, start, state):
     return status, count + more, worst, 0
 
 
-@formula(formulas.solve_step, Chain)
+@formula(formulas.solve_step, Chain, Walled)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
     """The step with friction; fills the state and the memory (rubbed_chain); returns as `solve`."""
-    columns = generator_columns(chain.standing, loads) + law.low.size
+    columns = formulas.generator_columns(chain, loads) + law.low.size
     conservative = has_potential(chain.standing, loads)
     how = conservative, MOST_ESCAPES, columns
     status, count, worst = settle_rubbed(chain, friction, before, *how, law, loads, start, state, memory)

@@ -18,12 +18,13 @@ from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.bounds import begin, moved
-from rollingjoint.kernels.descent import most_descent_steps
+from rollingjoint.kernels.descent import most_descent_steps, relax
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import (
     ARM,
     COMPLIANCE,
     CONSTANT,
+    MU,
     N_COEFFICIENTS,
     PRESLIDING,
     ROLLING_PRESLIDING,
@@ -72,6 +73,7 @@ class Rubbed(NamedTuple):
     A: Floats  # (J, J) Jacobian of short chains
     base: Sweep  # generators of the chain
     lu: LongLu
+    in_holes: bool  # whether there is friction in the chain itself, not at walls alone
     symmetric: bool  # whether H is to be the symmetric part of A: where the loads have a potential
 
 
@@ -98,7 +100,19 @@ def rubbed(chain, before, memory, n_long, columns, symmetric):
         if law.tendons[j, COMPLIANCE] != 0.0 or law.tendons[j, CONSTANT] != 0.0:
             lower = columns + 2 * law.tendons.shape[0]
     A, base, lu = np.empty((n_short, n_short)), new_sweep(n_long, columns), new_long_lu(n_long, lower, columns)
-    return Rubbed(chain, chain.joints, law, before, memory.now, memory.rolling, A, base, lu, symmetric)
+    in_holes = rubs_in_holes(chain, law)
+    return Rubbed(chain, chain.joints, law, before, memory.now, memory.rolling, A, base, lu, in_holes, symmetric)
+
+
+@part
+def rubs_in_holes(chain, law):
+    """Whether there is friction in the chain itself; a chain without walls has a history for nothing else."""
+    if not formulas.is_among_walls(chain) or law.rolling[ARM] > 0.0:
+        return True
+    for j in range(law.tendons.shape[0]):
+        if law.tendons[j, MU] > 0.0 or law.tendons[j, COMPLIANCE] > 0.0 or law.tendons[j, CONSTANT] > 0.0:
+            return True
+    return False
 
 
 @formula(formulas.evaluate, Rubbed)
@@ -107,6 +121,8 @@ def evaluate(chain, law, loads, state):
     state, before, now, rolling = borrow(state), borrow(chain.before), borrow(chain.now), borrow(chain.rolling)
     coefficients, tendon_joints = borrow(chain.law.tendons), borrow(chain.chain.tendon_joints)
     energy, magnitude, scale = formulas.evaluate(chain.chain, law, loads, state)
+    if not chain.in_holes:
+        return energy, magnitude, scale
     formulas.fill_turns(chain.chain, state, now.turn)
     evaluate_slips(coefficients, tendon_joints, state, now)
     evaluate_holes(coefficients, before, tendon_joints, state, now)
@@ -157,6 +173,9 @@ def renew(chain, state, energy, magnitude):
     """(incremental potential, magnitude) with grips and tensions frozen at the present state."""
     state, before, now, rolling = borrow(state), borrow(chain.before), borrow(chain.now), borrow(chain.rolling)
     coefficients, tendon_joints = borrow(chain.law.tendons), borrow(chain.chain.tendon_joints)
+    energy, magnitude = formulas.renew(chain.chain, state, energy, magnitude)
+    if not chain.in_holes:
+        return energy, magnitude
     old, _ = friction_energy(coefficients, before, tendon_joints, state, now, now.frozen, now.frozen_tension)
     freeze(tendon_joints, state, now)
     new, _ = friction_energy(coefficients, before, tendon_joints, state, now, now.frozen, now.frozen_tension)
@@ -166,6 +185,12 @@ def renew(chain, state, energy, magnitude):
             new += chain.law.rolling[ARM] * (rolling.pressing[i] - rolling.frozen[i]) * per_pressing
             rolling.frozen[i] = rolling.pressing[i]
     return energy + (new - old), magnitude + abs(new - old)
+
+
+@formula(formulas.shorten, Rubbed)
+def shorten(chain, state, step):
+    """Shorten a step that would move the chain too far."""
+    formulas.shorten(chain.chain, state, step)
 
 
 @formula(formulas.overshoots, Rubbed)
@@ -189,12 +214,13 @@ def stiffness(chain, loads, state, H):
     state, H, A, now = borrow(state), borrow(H), borrow(chain.A), borrow(chain.now)
     tendon_joints, n_joints = borrow(chain.chain.tendon_joints), state.angle.size
     formulas.stiffness(chain.chain, loads, state, A)
-    for j in range(tendon_joints.size):
-        for i in range(tendon_joints[j]):
-            _add_tension_rates(state, now, i, j, tendon_joints[j], A)
-            A[i, i] += (now.tension[i, j] - state.tension[j]) * state.gap[i, j, 2]
-    for i in range(n_joints):
-        A[i, i] += _rolling_stiffness(chain, state, i)
+    if chain.in_holes:
+        for j in range(tendon_joints.size):
+            for i in range(tendon_joints[j]):
+                _add_tension_rates(state, now, i, j, tendon_joints[j], A)
+                A[i, i] += (now.tension[i, j] - state.tension[j]) * state.gap[i, j, 2]
+        for i in range(n_joints):
+            A[i, i] += _rolling_stiffness(chain, state, i)
     for i in range(n_joints):
         for m in range(n_joints):
             H[i, m] = 0.5 * (A[i, m] + A[m, i]) if chain.symmetric else A[i, m]
@@ -221,17 +247,18 @@ def fill_generators(chain, loads, state, prox, sweep):
     state, now, base, lu, sweep = borrow(state), borrow(chain.now), borrow(chain.base), borrow(chain.lu), borrow(sweep)
     n_joints, columns, width = state.angle.size, base.U.shape[1], lu.U.shape[1]
     elastic = np.empty(state.elastic.size)
-    for j in range(elastic.size):
+    for j in range(elastic.size if chain.in_holes else 0):
         elastic[j], state.elastic[j] = state.elastic[j], 0.0
     formulas.fill_generators(chain.chain, loads, state, prox, base)
-    for j in range(elastic.size):
+    formulas.fill_upper_generators(chain.chain, state, base.U, lu.Q)
+    for j in range(elastic.size if chain.in_holes else 0):
         state.elastic[j] = elastic[j]
     first = columns - elastic.size
     for i in range(n_joints):
         for a in range(columns):
-            lu.U[i, a], lu.V[i, a], lu.P[i, a], lu.Q[i, a] = base.U[i, a], base.V[i, a], base.V[i, a], base.U[i, a]
-        sweep.diagonal[i] = base.diagonal[i] + _rolling_stiffness(chain, state, i)
-        for j in range(elastic.size):
+            lu.U[i, a], lu.V[i, a], lu.P[i, a] = base.U[i, a], base.V[i, a], base.V[i, a]
+        sweep.diagonal[i] = base.diagonal[i] + (_rolling_stiffness(chain, state, i) if chain.in_holes else 0.0)
+        for j in range(elastic.size if chain.in_holes else 0):
             sweep.diagonal[i] += _fill_tendon_columns(
                 chain.chain.tendon_joints[j], state, now, lu, i, j, first, columns
             )
@@ -281,7 +308,8 @@ def reconsider(chain, loads, state, free, kind):
     n = state.angle.size
     A = np.empty((n, n))
     law, now, rolling = chain.law, chain.now, chain.rolling
-    dense = Rubbed(chain.chain, chain.joints, law, chain.before, now, rolling, A, chain.base, chain.lu, False)
+    where = chain.in_holes, False
+    dense = Rubbed(chain.chain, chain.joints, law, chain.before, now, rolling, A, chain.base, chain.lu, *where)
     formulas.stiffness(dense, loads, state, A)
     return classify(A, new_sweep(0, 0), free, np.empty((n, n)))
 
@@ -295,6 +323,7 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
     """
     n = long_joints(start.size, conservative)
     _soften(friction, 1.0, memory.law)
+    formulas.soften(chain, 1.0)
     friction_chain = rubbed(chain, before, memory, n, columns, conservative)
     sweep = new_sweep(n, friction_chain.lu.U.shape[1] + columns)
     H = np.empty((start.size - n, start.size - n))
@@ -305,10 +334,16 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
         count += outcome[1]
         if outcome[0] < UNSTABLE:
             return outcome[0], count, outcome[2]
+        if formulas.is_among_walls(chain):
+            outcome = _relaxed(chain, before, memory, columns, law, loads, start, state)
+            count += outcome[1]
+            if outcome[0] < UNSTABLE:
+                return outcome[0], count, outcome[2]
     if status == NOT_CONVERGED:
         begin(friction_chain, start, state.angle)
         for softness in _SOFTER:
             _soften(friction, softness, memory.law)
+            formulas.soften(chain, softness)
             how = friction_chain, law, loads, conservative, most_escapes, MAX_ITERATIONS
             status, iterations, worst = minimise(*how, 0.0, start, state, H, sweep)
             count += iterations
@@ -345,6 +380,18 @@ def _by_residual(chain, before, memory, columns, law, loads, start, state):
 
 
 @part
+def _relaxed(chain, before, memory, columns, law, loads, start, state):
+    """The step by the overdamped motion from its start, then by Newton's method on |r|; returns as `minimise`."""
+    n = start.size
+    dense, H = rubbed(chain, before, memory, 0, columns, False), np.empty((n, n))
+    begin(dense, start, state.angle)
+    count = relax(dense, law, loads, state, H, new_sweep(0, 0))
+    how = dense, law, loads, False, 0, MAX_ITERATIONS
+    status, iterations, worst = minimise(*how, 0.0, start, state, H, new_sweep(0, 0))
+    return status, count + iterations, worst
+
+
+@part
 def _soften(friction, softness, law):
     """Copy the coefficients, the presliding with a factor."""
     for j in range(law.tendons.shape[0]):
@@ -362,11 +409,12 @@ def remember(chain, before, memory, status, state, after):
     Where the pose is indeterminate the friction states stay as they were; without an equilibrium all of it does.
     """
     now, rolling, law = memory.now, memory.rolling, memory.law
-    stands, holds = status <= INDETERMINATE, status < INDETERMINATE
-    _, _, _, work = evaluated_energy(law.tendons, before, chain.tendon_joints, now)
-    work = work if holds else 0.0
+    rubs = rubs_in_holes(chain, law)
+    stands, holds, work = status <= INDETERMINATE and rubs, status < INDETERMINATE and rubs, 0.0
+    if holds:
+        _, _, _, work = evaluated_energy(law.tendons, before, chain.tendon_joints, now)
     for i in range(state.angle.size):
-        after.angles[i] = state.angle[i] if stands else before.angles[i]
+        after.angles[i] = state.angle[i] if status <= INDETERMINATE else before.angles[i]
         after.rolling[i] = before.rolling[i]
         if holds and law.rolling[ARM] > 0.0:
             work += law.rolling[ARM] * rolling.pressing[i] * _rolling_work(law, before, rolling, state, i)
@@ -411,13 +459,19 @@ def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques)
     The state is the one that left this history, or another one, which a step from this history did not bring to rest.
     """
     _soften(friction, 1.0, memory.law)
+    friction_chain = rubbed(chain, history, memory, 0, 0, False)
+    if not friction_chain.in_holes:
+        formulas.stiffness(chain, loads, state, A)
+        for i in range(state.angle.size):
+            for j in range(state.tension.size):
+                torques[i, j] = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
+        return
     if moved(state.angle, history.angles):
         formulas.fill_turns(chain, state, memory.now.turn)
         evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
         evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
     else:
         _hold(chain, state, memory, history)
-    friction_chain = rubbed(chain, history, memory, 0, 0, False)
     if friction.rolling[ARM] > 0.0:
         _evaluate_rolling(friction_chain, state)
     formulas.stiffness(friction_chain, loads, state, A)

@@ -8,6 +8,7 @@ Modules:
     parts: elements of pictures of planar chains.
     planar: pictures of planar chains.
     spatial: pictures of arms.
+    walls: walls, lumens and obstacles, and the forces at them.
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure
@@ -16,6 +17,7 @@ from rollingjoint.plotting.loops import plot_loops, save_animation
 from rollingjoint.plotting.parts import PALETTE
 from rollingjoint.plotting.planar import plot_family, plot_mechanism
 from rollingjoint.plotting.spatial import plot_arm
+from rollingjoint.plotting.walls import plot_wall_contacts
 
 __all__ = [
     "PALETTE",
@@ -26,6 +28,7 @@ __all__ = [
     "plot_loops",
     "plot_mechanism",
     "plot_tensions",
+    "plot_wall_contacts",
     "save_animation",
     "save_figure",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_equilibrium import FRICTION
 from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput, naming, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
@@ -25,14 +27,21 @@ if TYPE_CHECKING:
 _FZ = SPATIAL_LOAD_COLUMNS.index("fz")
 
 
-def figure_of(what: AnyChain | Solution) -> Figure:
-    """A new figure of a mechanism at rest, or of one equilibrium."""
+def figure_of(what: AnyChain | Solution, friction: float = FRICTION) -> Figure:
+    """A new figure of a mechanism at rest, or of one equilibrium.
+
+    Args:
+        what: a mechanism, or an equilibrium of one.
+        friction: coefficient of contact lines in space, beside which teeth carry a force; other pictures have none.
+    """
     with naming_extras():
         from matplotlib.figure import Figure
 
     mechanism = what.mechanism if isinstance(what, Solution) else what
     figure = Figure(figsize=(6.4, 6.4))
-    draw: Callable[[Any, Figure], Axes] = _draw_chain if mechanism.dimension == 2 else _draw_arm
+    draw: Callable[[Any, Figure], Axes] = (
+        _draw_chain if mechanism.dimension == 2 else partial(_draw_arm, friction=friction)
+    )
     ax = draw(what, figure)
     ax.set_title(_title(what))
     return figure
@@ -42,8 +51,8 @@ def _draw_chain(what: RollingChain | Equilibrium, figure: Figure) -> Axes:
     return plot_mechanism(what, figure.subplots())
 
 
-def _draw_arm(what: HingeChain | SpatialChain | EquilibriumInSpace, figure: Figure) -> Axes:
-    ax = plot_arm(what, figure.add_subplot(projection="3d"))
+def _draw_arm(what: HingeChain | SpatialChain | EquilibriumInSpace, figure: Figure, friction: float) -> Axes:
+    ax = plot_arm(what, figure.add_subplot(projection="3d"), friction=friction)
     if isinstance(what, EquilibriumInSpace) and what.loads[:, _FZ].sum() > 0:
         ax.invert_zaxis()  # a hanging arm
     return ax

@@ -26,7 +26,7 @@ PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#0
 LINK_COLOR, LOAD_COLOR, CONTACT_COLOR, LIMIT_COLOR = "#7A8699", "#D55E00", "#222222", "#B2182B"
 
 
-class _ArrowStyle(NamedTuple):
+class ArrowStyle(NamedTuple):
     """Colour, line width [points] and drawing order of one kind of arrow."""
 
     color: str
@@ -38,8 +38,8 @@ BASE_ALPHA, LINK_ALPHA = 0.55, 0.25
 _ARROW_SHARE = 0.22  # longest arrow, as a share of the mechanism's length
 _SLACK = 1e-9  # N
 ORDER = {"link": 2, "tendon": 3, "contact": 5, "load": 6}
-_CONTACT_ARROW = _ArrowStyle(CONTACT_COLOR, 1.1, ORDER["contact"])
-_LOAD_ARROW = _ArrowStyle(LOAD_COLOR, 2.0, ORDER["load"])
+_CONTACT_ARROW = ArrowStyle(CONTACT_COLOR, 1.1, ORDER["contact"])
+_LOAD_ARROW = ArrowStyle(LOAD_COLOR, 2.0, ORDER["load"])
 _LINK, _MOMENT, _SPRING = (LOAD_COLUMNS.index(name) for name in ("link", "moment", "k"))
 _POINT, _FORCE, _BODY, _ANCHOR = pair_columns("p", "f", "b", "a")
 
@@ -83,10 +83,10 @@ def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | 
 def draw_contacts(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
     """Draws contact forces on the distal links at `scale` mm per N, and a ring where a surface ends."""
     forces = contact_forces_world(eq)
-    scale = _nice_scale(np.linalg.norm(forces, axis=1), eq.chain.length) if scale is None else scale
-    label = f"contact force ({_scale_text(scale)})"
+    scale = nice_scale(np.linalg.norm(forces, axis=1), eq.chain.length) if scale is None else scale
+    label = f"contact force ({scale_text(scale)})"
     for point, force in zip(eq.contact_points, forces, strict=True):
-        _arrow(ax, point, scale * force, eq.chain.length, _CONTACT_ARROW, label)
+        draw_arrow(ax, point, scale * force, eq.chain.length, _CONTACT_ARROW, label)
     ended = ~eq.free_joints
     if ended.any():
         style: dict[str, Any] = {"markersize": 11, "markeredgewidth": 1.8, "markerfacecolor": "none"}
@@ -106,12 +106,12 @@ def contact_forces_world(eq: Equilibrium) -> Array:
 def draw_loads(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
     """Draws every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
     scale = arrow_scale([eq]) if scale is None else scale
-    size, label = 0.06 * eq.chain.length, f"external force ({_scale_text(scale)})"
+    size, label = 0.06 * eq.chain.length, f"external force ({scale_text(scale)})"
     for row in eq.loads:
         pose, moment, stiffness = eq.poses[int(row[_LINK])], row[_MOMENT], row[_SPRING]
         point = to_world(pose, row[_POINT])
         force = row[_FORCE] + rotation(pose[2]) @ row[_BODY]
-        _arrow(ax, point, scale * force, eq.chain.length, _LOAD_ARROW, label)
+        draw_arrow(ax, point, scale * force, eq.chain.length, _LOAD_ARROW, label)
         if moment:
             _moment(ax, point, np.sign(moment) * size, f"external moment {moment:.3g} N·mm")
         if stiffness:
@@ -122,10 +122,10 @@ def arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
     """mm of arrow per N for the largest force in any load table."""
     rows = np.concatenate([eq.loads for eq in equilibria])
     forces = np.linalg.norm(rows[:, _FORCE], axis=1) + np.linalg.norm(rows[:, _BODY], axis=1)
-    return _nice_scale(forces, max(eq.chain.length for eq in equilibria))
+    return nice_scale(forces, max(eq.chain.length for eq in equilibria))
 
 
-def _nice_scale(forces: Array, length: float) -> float:
+def nice_scale(forces: Array, length: float) -> float:
     """1, 2 or 5 times a power of ten, with the largest force at most the longest arrow [mm per N]."""
     largest = float(np.max(forces[np.isfinite(forces)], initial=0.0))
     if largest <= 0.0:
@@ -135,11 +135,12 @@ def _nice_scale(forces: Array, length: float) -> float:
     return float(power * max(step for step in (1, 2, 5) if step * power <= limit * (1 + 1e-9)))
 
 
-def _scale_text(scale: float) -> str:
+def scale_text(scale: float) -> str:
+    """The scale of arrows, for the legend."""
     return f"{scale:g} mm per N"
 
 
-def _arrow(ax: Axes, tail: Array, vector: Array, length: float, style: _ArrowStyle, label: str) -> None:
+def draw_arrow(ax: Axes, tail: Array, vector: Array, length: float, style: ArrowStyle, label: str) -> None:
     """Draws an arrow on a mechanism of a length; none for a vector that is negligible or infinite."""
     share = np.hypot(*vector) / length
     if not 1e-6 < share < np.inf:
@@ -168,7 +169,7 @@ def _moment(ax: Axes, centre: Array, radius: float, label: str) -> None:
     turn = np.sign(radius) * np.linspace(-0.75 * np.pi, 0.75 * np.pi, 40)
     arc = centre + abs(radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     ax.plot(*arc.T, color=LOAD_COLOR, linewidth=2.0, zorder=ORDER["load"], label=label)
-    _arrow(ax, arc[-4], arc[-1] - arc[-4], 5 * abs(radius), _LOAD_ARROW, "_")
+    draw_arrow(ax, arc[-4], arc[-1] - arc[-4], 5 * abs(radius), _LOAD_ARROW, "_")
 
 
 def _spring(ax: Axes, point: Array, anchor: Array, size: float, label: str) -> None:

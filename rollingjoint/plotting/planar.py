@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.errors import InvalidInput, naming_extras
@@ -26,9 +29,12 @@ from rollingjoint.plotting.parts import (
     draw_tendons,
     number_links,
 )
+from rollingjoint.plotting.walls import draw_pressed, draw_surroundings, force_colors, in_world, wall_arrow_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
 
 
 def plot_mechanism(
@@ -44,10 +50,13 @@ def plot_mechanism(
     load_scale: float | None = None,
     contact_scale: float | None = None,
     tension_range: tuple[float, float] | None = None,
+    walls: bool = True,
+    wall_scale: float | None = None,
     legend: bool = True,
 ) -> Axes:
-    """Axes with links, tendons, loads and contact forces drawn.
+    """Axes with links, tendons, loads and contact forces drawn, and walls with the forces on links that press on them.
 
+    Among walls everything is in their frame, where the base may be anywhere.
     After a step with friction the gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
 
     Args:
@@ -61,6 +70,8 @@ def plot_mechanism(
         color: colour of the links.
         load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
         tension_range: with friction, tensions at both ends of the colours [N]; taken from the equilibrium when None.
+        walls: draw the walls around an equilibrium, the outline of its links, and where they press on walls.
+        wall_scale: mm of arrow per N of wall force; chosen from the largest force when None.
         legend: put a legend to the right of the axes, and with friction a scale of the colours below.
     Raises:
         InvalidInput: a batch of equilibria, or no planar chain.
@@ -71,6 +82,12 @@ def plot_mechanism(
     if poses.ndim != 2:
         raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve a single row.")
     ax = _new_axes() if ax is None else ax
+    if equilibrium is not None and equilibrium.walls is not None:
+        equilibrium = in_world(equilibrium)
+        poses = equilibrium.poses
+        if walls:
+            draw_surroundings(ax, [equilibrium])
+            draw_pressed(ax, equilibrium, wall_scale, scale=legend)
     draw_links(ax, chain, poses, color, label)
     if numbers:
         number_links(ax, chain, poses)
@@ -92,16 +109,20 @@ def plot_family(
     *,
     tendons: bool = False,
     loads: bool = True,
+    walls: bool = True,
     colors: Sequence[str] | None = None,
     legend: bool = True,
 ) -> Axes:
     """Axes with several equilibria over one another, one colour each, their load arrows on one scale.
+
+    Among walls everything is in their frame, so that equilibria with different bases show how a chain is pushed in.
 
     Args:
         equilibria: to draw, the first at the back.
         labels: legend text of each.
         ax: axes to draw on; new ones when None.
         tendons, loads: draw them too.
+        walls: draw the walls around equilibria, and where links press on them.
         colors: one per equilibrium; the palette when None, repeated if there are more than it holds.
         legend: put a legend to the right of the axes.
     Raises:
@@ -115,13 +136,20 @@ def plot_family(
             raise InvalidInput(name, list(values), f"{len(equilibria)} entries, one per equilibrium")
     chains = [_planar(eq) for eq in equilibria]
     ax = _new_axes() if ax is None else ax
+    equilibria = [in_world(eq) for eq in equilibria]
     scale = arrow_scale(equilibria)
-    drawn: list[RollingChain] = []
+    touching = [eq for eq in equilibria if eq.walls is not None] if walls else []
+    if touching:
+        draw_surroundings(ax, touching, outline=False)
+        forces, tones = wall_arrow_scale(touching), force_colors(touching)
+        for i, eq in enumerate(touching):
+            draw_pressed(ax, eq, forces, tones, scale=legend and i == len(touching) - 1)
+    drawn: list[tuple[RollingChain, Array]] = []
     for eq, chain, label, color in zip(equilibria, chains, labels, colors, strict=True):
         draw_links(ax, chain, eq.poses, color, label, base=False)
-        if not any(chain is base for base in drawn):
+        if not any(chain is base and np.array_equal(pose, eq.poses[0]) for base, pose in drawn):
             draw_link(ax, chain.links[0], eq.poses[0], LINK_COLOR, BASE_ALPHA)
-            drawn.append(chain)
+            drawn.append((chain, eq.poses[0]))
         if tendons:
             for line in chain.tendon_polyline(eq.poses):
                 ax.plot(*line.T, color=color, linewidth=1.2, zorder=ORDER["tendon"])

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.batch import solve_batch, step_batch
 from rollingjoint.chain.chain import AnyChain, Chain, kinds
-from rollingjoint.chain.friction_step import friction_laws
+from rollingjoint.chain.friction_step import friction_laws, no_friction
 from rollingjoint.chain.solution import stacked
 from rollingjoint.chain.stacks import Variations, designs_of, distinct
 from rollingjoint.checks import as_floats
@@ -19,6 +19,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
+from rollingjoint.statics.among import ORIGIN, Around, fill_memory, has_wall_friction, walls_around
 from rollingjoint.statics.inputs import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
@@ -60,10 +61,20 @@ class Batch:
         """The same values for every row, (B, ...)."""
         return np.repeat(values[None], len(self.inputs), axis=0)
 
-    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start, history: History) -> Any:
+    def solve(
+        self,
+        laws: TendonLaw,
+        loads: Sequence[Load] | Array,
+        starts: Start,
+        history: History,
+        surroundings: Around | Sequence[Around] = None,
+        base: ArrayLike = ORIGIN,
+    ) -> Any:
         """The equilibria."""
         tables, phi = self.tables(loads), self.starts(start_of(starts, history))
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, phi
+        if surroundings is not None:
+            return self.solve_among(laws, tables, phi, history, surroundings, base)
         rub = [chain.has_friction for chain in self.chains]
         if history is None or not any(rub):
             return solve_batch(*inputs)
@@ -72,6 +83,28 @@ class Batch:
             mechanism = self.mechanism if self.variations is None else self.chains[0]
             return step_batch(*inputs, before, friction_laws(mechanism, len(self.inputs)))
         return self._solve_apart(np.array(rub)[self.designs], laws, tables, phi, before)
+
+    def solve_among(
+        self,
+        laws: TendonLaw,
+        tables: Array,
+        starts: Array,
+        history: History,
+        surroundings: Around | Sequence[Around],
+        base: ArrayLike,
+    ) -> Any:
+        """The equilibria among walls."""
+        rows, mechanism = len(self.inputs), self.mechanism if self.variations is None else self.chains[0]
+        walls = walls_around(mechanism, surroundings, base, rows)
+        inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, starts
+        in_chain = any(chain.has_friction for chain in self.chains)
+        if history is None or not (in_chain or has_wall_friction(walls.walls)):
+            return solve_batch(*inputs, walls)
+        fill_memory(walls, (self.arrays, self.designs), history)
+        if in_chain:
+            return step_batch(*inputs, checked_history(self.mechanism, history, rows), None, walls)
+        law, before = no_friction(starts, self.inputs.shape[1])
+        return step_batch(*inputs, FrictionState(*before), law, walls)
 
     def _solve_apart(
         self, rub: NDArray[np.bool_], laws: TendonLaw, tables: Array, phi: Array, before: FrictionState

@@ -1,7 +1,8 @@
 """Desired tendon lengths met in the least-squares sense: bounded Levenberg-Marquardt on the tensions.
 
 min over tensions in [low, high] of 1/2 |l(tau) - l_des|², where l(tau) is the length at the equilibrium under tau and
-dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (the paper's algorithm takes fixed gradient steps).
+dl/dtau = -Gᵀ H⁻¹ G. Where lengths leave some tensions open, as in arms, whose tendons may pull against each other, they
+stay near those of the start. Source: rolling-contact paper, eq. 29 (the paper's algorithm takes fixed gradient steps).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array,
     """The equilibrium with lengths nearest the desired ones, tensions between low and high.
 
     Args:
-        mechanism: a chain of a class that supports the method.
+        mechanism: a chain.
         desired: (m,) [mm].
         low, high: (m,) [N]; higher limits than 1000 N count as 1000 N.
         table: load table, (rows, columns).
@@ -129,7 +130,7 @@ def _length_rates(equilibrium: Solution) -> Array | None:
     if equilibrium.status == Status.INDETERMINATE:
         return None
     try:
-        moves = joint_response(equilibrium, equilibrium.stiffness, -equilibrium.tendon_rates)
+        moves = joint_response(equilibrium, equilibrium.stiffness, -equilibrium.torques_per_tension)
     except np.linalg.LinAlgError:
         return None
     return equilibrium.tendon_rates.T @ moves

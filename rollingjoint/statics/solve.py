@@ -14,6 +14,7 @@ from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
+from rollingjoint.statics.among import ORIGIN, Around
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.inputs import History, Start, angles_of, broadcast_limits, checked_history, tension_limits_of
 from rollingjoint.statics.least_squares import solve_least_squares
@@ -31,6 +32,8 @@ def solve_tensions(
     loads: Sequence[Load] = (),
     start: Start = None,
     history: History = None,
+    surroundings: Around = None,
+    base: ArrayLike = ORIGIN,
 ) -> S:
     """Equilibrium under given tendon tensions.
 
@@ -41,6 +44,8 @@ def solve_tensions(
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
             result is the pose without friction, before any slip. Default start: its joint angles.
+        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
+            [mm], angle [rad]; the results and loads are in the frame of the base.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status. NaN, huge or negative numbers give Status.INVALID_INPUT.
     Raises:
@@ -50,7 +55,7 @@ def solve_tensions(
     check_chain(mechanism)
     tau = seen_as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
     table = mechanism.load_table(loads)
-    return _solve_one(mechanism, (0.0, 1.0, tau, tau), table, start, history)
+    return _solve_one(mechanism, (0.0, 1.0, tau, tau), table, start, history, surroundings, base)
 
 
 def solve_lengths(
@@ -61,6 +66,8 @@ def solve_lengths(
     method: str = "elastic",
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
     history: History = None,
+    surroundings: Around = None,
+    base: ArrayLike = ORIGIN,
 ) -> S:
     """Equilibrium under given tendon lengths.
 
@@ -71,12 +78,13 @@ def solve_lengths(
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         method: "elastic": tension = clip(stiffness × stretch, *tension_limits), unique and well posed while a tendon is
-            taut. "least_squares" (RollingChain only): the tensions within the limits that bring the lengths nearest
-            the desired ones.
+            taut. "least_squares": tensions within the limits that bring the lengths nearest the desired ones.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]. With "least_squares" an infinite
             maximum stands for 1000 N.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
             result is the pose without friction, before any slip. Default start: its joint angles.
+        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
+            [mm], angle [rad]; the results and loads are in the frame of the base.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status.
     Raises:
@@ -88,9 +96,13 @@ def solve_lengths(
     low, high = broadcast_limits(tension_limits, mechanism.n_tendons)
     table = mechanism.load_table(loads)
     if method == "elastic":
-        return _solve_one(mechanism, (command, mechanism.stiffnesses, low, high), table, start, history)
-    if method not in mechanism.length_methods:
-        raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
+        return _solve_one(
+            mechanism, (command, mechanism.stiffnesses, low, high), table, start, history, surroundings, base
+        )
+    if method != "least_squares":
+        raise InvalidInput("method", method, '"elastic" or "least_squares"')
+    if surroundings is not None:
+        raise InvalidInput("surroundings", surroundings, 'None with method "least_squares"', 'Use "elastic".')
     if history is not None and mechanism.has_friction:
         raise InvalidInput("history", history, 'None with method "least_squares"', 'Use "elastic" with friction.')
     phi = angles_of(mechanism, start, history).copy()
@@ -104,6 +116,8 @@ def solve_tensions_batch(
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
     history: History = None,
+    surroundings: Around | Sequence[Around] = None,
+    base: ArrayLike = ORIGIN,
 ) -> S:
     """Equilibria under given tensions, row by row.
 
@@ -114,13 +128,15 @@ def solve_tensions_batch(
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
+        surroundings: walls around the mechanisms, RollingChains: for all rows, or a list, one per row; None: none.
+            base: pose of the base among them, (3,) or (B, 3), x, y [mm], angle [rad].
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
         InvalidInput: wrong shapes or types, mechanisms with different numbers of links, tendons or crossed joints.
     """
     batch = Batch.of(mechanism, "tensions", tensions)
-    return batch.solve(prescribed(batch.inputs), loads, starts, history)
+    return batch.solve(prescribed(batch.inputs), loads, starts, history, surroundings, base)
 
 
 def solve_lengths_batch(
@@ -130,6 +146,8 @@ def solve_lengths_batch(
     starts: Start = None,
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
     history: History = None,
+    surroundings: Around | Sequence[Around] = None,
+    base: ArrayLike = ORIGIN,
 ) -> S:
     """Equilibria under given lengths (elastic tendons), row by row.
 
@@ -141,6 +159,8 @@ def solve_lengths_batch(
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
         history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
+        surroundings: walls around the mechanisms, RollingChains: for all rows, or a list, one per row; None: none.
+            base: pose of the base among them, (3,) or (B, 3), x, y [mm], angle [rad].
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
@@ -150,12 +170,18 @@ def solve_lengths_batch(
     limits = tension_limits_of(tension_limits, batch.inputs.shape[1])
     low, high = map(batch.repeated, limits)
     stiffnesses = batch.per_row("stiffnesses")
-    return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
+    return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history, surroundings, base)
 
 
-def _solve_one(mechanism: AnyChain, law: Law, table: Array, start: Start, history: History) -> Any:
+def _solve_one(
+    mechanism: AnyChain, law: Law, table: Array, start: Start, history: History, surroundings: Around, base: ArrayLike
+) -> Any:
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     angles = angles_of(mechanism, start, history)
+    if surroundings is not None:
+        batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
+        laws = TendonLaw(*(values[None] for values in full_law(law, mechanism.n_tendons)))
+        return batch.solve_among(laws, table[None], angles[None].copy(), history, surroundings, base).row(0)
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)

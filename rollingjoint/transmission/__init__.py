@@ -15,8 +15,8 @@ its tendon, where T = limit / exp(ν) and ζ = 1. At rest it holds whatever T be
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
-`rollingjoint.compiled`; both give the same numbers, to the last bit. The formulas for tensors are in
-`rollingjoint.differentiable.transmission`. Source: docs/theory.md, section 10.
+`rollingjoint.compiled`; both give the same numbers, to the last bit. For tensors they are in
+`rollingjoint.differentiable.formulas`. Source: docs/theory.md, section 10.
 
 Modules:
     kernels: the formulas, compiled.

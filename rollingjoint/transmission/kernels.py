@@ -1,6 +1,7 @@
 """The formulas of a motor's transmission, for kernels, and the kernels in which they fill arrays.
 
-Symbols and units as in the package's docstring. Parts take numbers; for the limit of tension, SIMD lanes too.
+Symbols and units as in the package's docstring. Parts take numbers, for the limit of tension SIMD lanes too, and as
+`differentiable.formulas` makes them, tensors.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def play_contact(tendon, motor, half_width):
 @part(inline=True)
 def play_place(tendon, motor, half_width):
     """Position of a tendon in its play: (p - q) / h, within [-1, 1] but for rounding; 0 without play."""
-    return (tendon - motor) / half_width if half_width > 0.0 else 0.0
+    return where(half_width > 0.0, (tendon - motor) / half_width, 0.0)
 
 
 @part(inline=True)
@@ -79,7 +80,7 @@ def unstretched_length(length, tension, stiffness):
 @part(inline=True)
 def pull_limit(limit, friction, half_width):
     """T behind the sheath at which a motor that pulls its tendon in stops: its limit over exp(nu)."""
-    return limit / sheath_ratio(friction, 1.0) if half_width > 0.0 else limit
+    return where(half_width > 0.0, limit / sheath_ratio(friction, 1.0), limit)
 
 
 @part(inline=True)
@@ -88,18 +89,24 @@ def pull_end(tendon, motor, goal, tension, limit, friction, half_width):
 
     A motor that is at its limit already stays at q.
     """
-    if tension * sheath_ratio(friction, sheath_direction(tendon, goal, half_width)) < limit:
-        return max(goal, tendon - half_width)
-    if tension * sheath_ratio(friction, sheath_direction(tendon, motor, half_width)) >= limit:
-        return motor
-    return min(max(tendon - half_width * math.log(limit / tension) / friction, goal), motor)
+    at_goal = tension * sheath_ratio(friction, sheath_direction(tendon, goal, half_width))
+    at_start = tension * sheath_ratio(friction, sheath_direction(tendon, motor, half_width))
+    stops = min(max(tendon - half_width * math.log(limit / tension) / friction, goal), motor)
+    ends = where(at_start >= limit, motor, stops)
+    return where(at_goal < limit, max(goal, tendon - half_width), ends)
+
+
+@part(inline=True)
+def paid_out(unstretched, held):
+    """Whether a tendon at p has been paid out from where it was."""
+    return unstretched > held + FREE
 
 
 @part(inline=True)
 def motor_yield(motor, goal, shift):
     """(q, goal) of a motor after a limit of tension has moved its tendon by `shift` [mm]; it stays there."""
     motor, goal = motor + shift, goal + shift
-    return motor, motor if abs(shift) > FREE else goal
+    return motor, where(abs(shift) > FREE, motor, goal)
 
 
 @kernel(title="motors and sheaths")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import look, mechanism_view
+from agents.viewer.choice import ButtonRow
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
 from agents.viewer.html import code_block
 from agents.viewer.rooms.messages import Messages
@@ -27,7 +29,14 @@ REACH: Color = (150, 190, 150)
 RANGE = (0.0, HIGHEST)
 PER_NEWTON = 0.3  # length of an arrow of the force, in lengths of the mechanism per newton
 PER_CONTACT = 0.015  # and of a contact force
+
 FILES = {"Python": "py", "YAML": "yaml", "STL": "stl.zip", "DXF": "dxf.zip"}
+
+
+def named(mechanisms: Sequence[str]) -> dict[str, str]:
+    """Presets and mechanism files by the name to be shown: of a file without its folder, if no other has that name."""
+    names = [Path(each).stem if each not in PRESETS else each for each in mechanisms]
+    return {each if names.count(name) > 1 else name: each for name, each in zip(names, mechanisms, strict=True)}
 
 
 class Explore:
@@ -40,8 +49,9 @@ class Explore:
     name: ClassVar[str] = "Explore"
 
     def __init__(self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS)) -> None:
-        self.client, self.gui, self.mechanisms = client, client.gui, tuple(mechanisms)
-        self.explorer = Explorer(load_mechanism(self.mechanisms[0]), self.mechanisms[0])
+        self.client, self.gui, self.mechanisms = client, client.gui, named(mechanisms)
+        first = next(iter(self.mechanisms))
+        self.explorer = Explorer(load_mechanism(self.mechanisms[first]), first)
         self._lock = threading.RLock()
         self._bodies: dict[bool, SceneMechanism] = {}  # by whether it is the equilibrium, or the last one
         self._parts: list[Any] = []  # of the panel and the scene, of this mechanism
@@ -50,15 +60,15 @@ class Explore:
     def build(self) -> None:
         """Add the widgets to the panel."""
         gui = self.gui
-        self.which = gui.add_dropdown("Mechanism", self.mechanisms)
+        self.which = gui.add_dropdown("Mechanism", tuple(self.mechanisms))
         self.headline = gui.add_markdown("")
         self.messages = Messages(gui)
-        self.drive = gui.add_button_group("Input", INPUTS)
+        self.drive = ButtonRow(gui, "Input", INPUTS, self._drive)
         self.tendons = gui.add_folder("Tendons")
         self.load = gui.add_folder("Force")
         self.friction = gui.add_slider("Friction", 0.0, 0.3, 0.01, 0.0, hint="coefficient in all holes")
         self.curvatures = gui.add_folder("Curvatures", expand_by_default=False)
-        self.shown = {name: gui.add_checkbox(name, name == "Contact forces") for name in ("Contact forces", "Reach")}
+        self.shown = {name: gui.add_checkbox(name, name != "Reach") for name in ("Contact forces", "Links", "Reach")}
         self.ellipse = gui.add_checkbox("Compliance of the tip", True)
         with gui.add_folder("Numbers", expand_by_default=False):
             self.numbers = gui.add_markdown("")
@@ -82,9 +92,11 @@ class Explore:
     def begin(self) -> None:
         """Show the chosen mechanism from the start."""
         with self._lock, self.messages.told():
-            name = as_choice("mechanism", self.which.value, self.mechanisms)
+            name = as_choice("mechanism", self.which.value, tuple(self.mechanisms))
             self._clear()
-            self.explorer = Explorer(load_mechanism(name), name)
+            self.explorer = Explorer(load_mechanism(self.mechanisms[name]), name)
+            self.drive.mark(self.explorer.inputs.drive)
+            self.shown["Contact forces"].visible = self.explorer.has_contacts
             look(self.client, mechanism_view(self.explorer.mechanism))
             self._fill()
             self.show()
@@ -113,7 +125,9 @@ class Explore:
                 body.visible = usable is bool(explorer.found.ok) and equilibrium is not None
             if equilibrium is not None:
                 lines = strands(explorer.mechanism, equilibrium.poses, equilibrium.tensions)
-                self._bodies[bool(explorer.found.ok)].show(equilibrium.poses, lines, RANGE)
+                body = self._bodies[bool(explorer.found.ok)]
+                body.show(equilibrium.poses, lines, RANGE)
+                body.number(equilibrium.poses if self.shown["Links"].value else None)
             self._arrows()
             self._ellipses()
 
@@ -204,6 +218,7 @@ class Explore:
         if drive != self.explorer.inputs.drive:
             self.change(drive=drive)
             with self._lock:
+                self.drive.mark(self.explorer.inputs.drive)
                 self._pull()
 
     def _embody(self) -> None:
@@ -254,9 +269,9 @@ class Explore:
 
     def _bind(self) -> None:
         self.which.on_update(lambda _: self.begin())
-        self.drive.on_click(lambda _: self._drive(self.drive.value))
         self.friction.on_update(lambda _: self.change(friction=float(self.friction.value)))
-        self.shown["Contact forces"].on_update(lambda _: self._shown())
+        for name in ("Contact forces", "Links"):
+            self.shown[name].on_update(lambda _: self._shown())
         self.ellipse.on_update(lambda _: self._shown())
         self.shown["Reach"].on_update(lambda _: self.reach())
         self.saving.on_click(lambda _: self._save(self.saving.value))

@@ -71,7 +71,7 @@ def test_without_a_learner_or_validation_there_is_no_verdict():
     found = standing(*both)
     assert (found.policy, found.verdict) == (None, Verdict.UNKNOWN)
     assert verdict_text(found).startswith("No verdict:")
-    assert "| [demo](#demo) | - |  | - |  |  | unknown | not compared |" in summary_table([Tables(found.record)])
+    assert "| [demo](#demo) | not compared | - |  | - |  |  | unknown |" in summary_table([Tables(found.record)])
 
 
 @pytest.mark.parametrize(

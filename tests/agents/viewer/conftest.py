@@ -1,32 +1,12 @@
-"""A viewer in this process, and a real browser that looks at it."""
+"""A viewer in this process."""
 
-import os
-import shutil
+import re
 import time
 
 import pytest
 
+from agents.viewer.choice import MARK
 from rollingjoint import five_link
-
-FLAGS = """
---headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
---disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
-"""
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-
-
-@pytest.fixture(scope="session")
-def browser():
-    """Chromium of the operating system, driven by Playwright."""
-    pytest.importorskip("viser", reason="the extra view is not installed")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        pytest.skip("no Chromium: install your system's, for example apt install chromium")
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=found, args=FLAGS.split())
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +40,7 @@ class Guest:
         return self.viewer.visits[self.id].room
 
     def enter(self, name):
-        self.page.get_by_role("button", name=name, exact=True).first.click()
+        self.page.get_by_role("button", name=re.compile(f"^({MARK})?{name}$")).first.click()
         until(lambda: self.room is not None and self.room.name == name)
         self.settle()
 

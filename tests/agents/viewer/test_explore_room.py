@@ -1,12 +1,15 @@
 """The room Explore in a real browser."""
 
 import io
+import re
 import zipfile
 
 import numpy as np
 import pytest
 
 from agents.view import main
+from agents.viewer.choice import MARK
+from agents.viewer.rooms.explore import named
 from rollingjoint import Status, five_link, solve_tensions
 from tests.agents.viewer.conftest import until
 
@@ -68,6 +71,37 @@ def test_every_mechanism_input_and_force_is_shown(guests):
     guest.page.get_by_label("Reach").click()
     until(lambda: guest.room.shown["Reach"].value)
     assert guest.pixels() != before
+
+
+def test_the_room_and_the_input_that_are_chosen_are_marked(guests):
+    guest = guests(room="Explore")
+    marked = guest.page.get_by_role("button", name=re.compile(f"^{MARK}"))
+    until(lambda: marked.all_inner_texts() == ["● Explore", "● tensions"])
+    guest.page.get_by_role("button", name="lengths", exact=True).click()
+    until(lambda: marked.all_inner_texts() == ["● Explore", "● lengths"])
+    guest.room.which.value = "flexible_arm"
+    until(lambda: marked.all_inner_texts() == ["● Explore", "● tensions"])
+    guest.settle()
+    assert not guest.page.get_by_label("Contact forces").is_visible()  # of hinges
+    guest.enter("Control")
+    assert marked.all_inner_texts() == ["● Control"]
+
+
+def test_links_have_their_numbers_until_they_are_not_wanted(guests):
+    guest = guests(room="Explore")
+    body = guest.room._bodies[True]
+    assert [label.text for label in body.numbers] == ["0", "1", "2", "3", "4"]
+    np.testing.assert_allclose([label.position[:2] for label in body.numbers], guest.room.explorer.found.poses[:, :2])
+    before = guest.pixels()
+    guest.page.get_by_label("Links").click()
+    until(lambda: body.numbers == [])
+    assert guest.pixels() != before
+
+
+def test_mechanism_files_go_by_their_names_where_these_differ():
+    files = ("a/finger.yaml", "b/finger.yaml", "b/thumb.yaml", "five_link.yaml", "five_link")
+    assert list(named(files)) == ["a/finger.yaml", "b/finger.yaml", "thumb", "five_link.yaml", "five_link"]
+    assert named(files)["thumb"] == "b/thumb.yaml"
 
 
 def test_two_guests_have_a_mechanism_each_and_one_who_vanishes_leaves_the_other(guests, viewer):

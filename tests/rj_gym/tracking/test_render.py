@@ -1,11 +1,16 @@
 """Pictures: one drawing for window and array, without a screen."""
 
+from dataclasses import replace
+from functools import partial
+
 import gymnasium
 import numpy as np
+import pygame
 import pytest
 
 from rj_gym import RollingJointEnv
 from rj_gym.rendering import SIZE, tension_color
+from rj_gym.tracking.render import ArmCanvas
 from rollingjoint.errors import InvalidInput
 
 
@@ -41,6 +46,20 @@ def test_a_picture_without_load_has_no_arrow():
     env = RollingJointEnv(render_mode="rgb_array")
     assert orange(frame(env, options={"load": {"link": 3, "force": (1.0, 0.0)}})) > 100
     assert orange(frame(env, options={"load": {"link": 3, "force": (0.0, 0.0)}})) == 0
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+def test_the_arrow_of_gravity_stays_below_the_words(gravity):
+    envs = gymnasium.make_vec("rj_gym/PitchYaw-v0", 1, "vector_entry_point")
+    envs.reset(seed=0)
+    scene = replace(envs.unwrapped.scene(), gravity=np.array(gravity), payload=np.zeros(3))
+    pictures = []
+    for forces in (ArmCanvas._forces, lambda canvas, scene: None):
+        canvas = ArmCanvas(scene.mechanism)
+        canvas._forces = partial(forces, canvas)
+        pictures.append(pygame.surfarray.array3d(canvas.draw(scene)).astype(int))
+    rows = np.flatnonzero(np.abs(pictures[0] - pictures[1]).max(axis=(0, 2)) > 20)
+    assert 150 < rows.min() < rows.max() < 300  # the words end at 146
 
 
 def test_pictures_are_fresh_arrays():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -200,10 +201,11 @@ def test_batches_and_unusable_equilibria_are_refused(tmp_path):
     ("command", "parts"),
     [
         ("pitch_yaw --out parts --format dxf", ["formats = ['dxf']", "stl"]),
-        ("small_arm --out parts", ["'small_arm'", "a planar chain or a chain in space", "not an arm of beads"]),
+        ("small_arm --out parts --format dxf", ["formats = ['dxf']", "stl"]),
+        ("five_link --out parts --bore 2", ["bore = 2.0", "planar"]),
         ("pitch_yaw --mjcf no/such/a.xml", ["--mjcf = 'no/such/a.xml'", "Create no/such first"]),
         ("pitch_yaw --mjcf .", ["--mjcf", "It is a folder"]),
-        ("small_arm --mjcf a.xml --out parts", ["'small_arm'", "not an arm of beads"]),
+        ("small_arm --mjcf a.xml --out parts --bore 40", ["bore and the channel"]),
         ("pitch_yaw --mjcf a.xml --out no/such", ["folder = 'no/such'", "Create no first"]),
         ("pitch_yaw --mjcf no/such/a.xml --out parts", ["--mjcf = 'no/such/a.xml'"]),
     ],
@@ -223,3 +225,90 @@ def test_both_outputs_are_written_together(tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("a.xml: ") and printed[1] == "parts/link_0.svg"
     assert all(Path(line.partition(":")[0]).exists() for line in printed)
+
+
+def with_beads(**changes):
+    """Three beads with other values."""
+    arm = rj.small_arm(3)
+    return arm.replace(beads=[replace(bead, **changes) for bead in arm.beads])
+
+
+ARMS = {
+    "small_arm": (rj.small_arm(), {}),
+    "with a backbone": (rj.small_arm(3), {"bore": 4.0, "thickness": 10.0}),
+    "tilted axes": (with_beads(axis=(1.0, 0.5, 0.0)), {}),
+    "narrow": (with_beads(limits=(-0.1, 0.2)), {}),
+}
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def beads(request):
+    """An arm, its sizes, its bodies and their solids."""
+    arm, sizes = ARMS[request.param]
+    bodies = spatial_bodies(arm, Fabrication(**sizes))
+    return arm, Fabrication(**sizes), bodies, [spatial_solid(body, link) for link, body in enumerate(bodies)]
+
+
+def test_beads_are_closed_as_high_as_the_mechanism_says_with_a_tunnel_for_every_tendon(beads):
+    arm, sizes, bodies, meshes = beads
+    bottom, top = -0.5 * arm.beads[0].gap - sizes.thickness, -0.5 * arm.beads[0].gap
+    for (low, high), body, mesh in zip([(bottom, top), *arm.body_ends], bodies, meshes, strict=True):
+        assert mesh.is_watertight and mesh.body_count == 1
+        assert mesh.bounds[:, 2] == pytest.approx([low, high], abs=1e-4)
+        assert mesh.euler_number == 2 - 2 * (len(body.channels) + bool(sizes.bore))
+        assert len(body.channels) == arm.n_tendons
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_beads_never_overlap_in_the_range_of_their_hinges(beads, share):
+    arm, _, bodies, meshes = beads
+    low, high = arm.joint_limits.T
+    placed = [as_manifold(*pair) for pair in zip(meshes, arm.poses((1 - share) * low + share * high), strict=True)]
+    for below, above in itertools.pairwise(placed):
+        assert (below ^ above).volume() < 1e-4
+    assert max(body.radius for body in bodies) > arm.hole_radius  # so that flat faces would
+
+
+def test_holes_of_beads_are_open_at_the_holes_of_the_model_and_the_bore_is_open(beads):
+    arm, sizes, _, meshes = beads
+    for link, mesh in enumerate(meshes[1:], start=1):
+        for tendon in arm.tendons:
+            x, y = tendon.link_holes(arm.n_links)[link]
+            ends = np.array([[x, y, z] for z in arm.body_ends[link - 1]])
+            np.testing.assert_allclose(winding(mesh, np.array([*ends, ends.mean(axis=0)])), 0.0, atol=0.01)
+            inside = 0.5 * sizes.channel_diameter + 0.05
+            beside = ends + np.array([[0.0, 0.0, 1e-3], [0.0, 0.0, -1e-3]])
+            beside -= inside * np.array([x, y, 0.0]) / np.hypot(x, y)
+            np.testing.assert_allclose(winding(mesh, beside), 1.0, atol=0.01)  # no bevel reaches the holes
+        middle = winding(mesh, np.array([[0.0, 0.0, arm.body_ends[link - 1].mean()]]))
+        np.testing.assert_allclose(middle, 0.0 if sizes.bore else 1.0, atol=0.01)
+
+
+def test_files_of_an_arm_are_its_links_and_the_assembly_in_its_pose(tmp_path):
+    arm = rj.small_arm(3)
+    bent = rj.solve_tensions(arm, [3.0, 1.0, 1.0, 2.0])
+    files = export(bent, tmp_path / "out", bore=2.0)
+    assert [path.name for path in files] == [*(f"link_{i}.stl" for i in range(4)), "assembly.stl", "parts.csv"]
+    assert trimesh.load(files[4]).body_count == 4
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "sizes", "match"),
+    [
+        (rj.small_arm(2), {"bore": 2.0 * rj.small_arm().hole_radius - 1.0}, "bore and the channel"),
+        (rj.small_arm(2, "linear"), {}, "exact"),
+        (rj.five_link(), {"bore": 1.0}, "bore"),
+        (rj.small_arm(2), {"bore": -1.0}, "bore"),
+        (rj.small_arm(2), {"formats": "dxf"}, "stl"),
+    ],
+)
+def test_arms_and_bores_that_cannot_be_made_are_refused_in_one_line(mechanism, sizes, match, tmp_path):
+    with pytest.raises((rj.MechanismError, rj.InvalidInput), match=match) as caught:
+        export(mechanism, tmp_path / "out", **sizes)
+    assert "\n" not in str(caught.value) and list(tmp_path.iterdir()) == []
+
+
+def test_tubes_have_a_bore_too():
+    bodies = spatial_bodies(rj.pitch_yaw(2), Fabrication(bore=2.0))
+    meshes = [spatial_solid(body, link) for link, body in enumerate(bodies)]
+    assert [mesh.euler_number for mesh in meshes] == [2 - 2 * 5] * 3

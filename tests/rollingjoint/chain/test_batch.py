@@ -34,7 +34,7 @@ from rollingjoint.kernels.rolling import Chain as ChainArrays
 from rollingjoint.kernels.rolling import new_results
 from rollingjoint.load import LOAD_COLUMNS, load_table
 
-NOT_NUMBERS = ("mechanism", "loads", "friction")
+NOT_NUMBERS = ("mechanism", "loads", "friction", "walls")
 FIELDS = [field.name for field in dataclasses.fields(Equilibrium) if field.name not in NOT_NUMBERS]
 DERIVED = ["arc_lengths", "free_joints", "stiffness", "smallest_eigenvalue"]
 MOMENT = LOAD_COLUMNS.index("moment")

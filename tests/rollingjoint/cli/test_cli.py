@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -350,3 +352,23 @@ def test_closed_pipe_ends_quietly() -> None:
     assert process.stderr.read() == b""
     process.stderr.close()
     assert process.wait() == 0
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize("command", ["mechanisms", "--help", "solve five_link --tensions 1 1", "train --list"])
+def test_a_command_ends_without_a_word_when_its_reader_has_gone(command: str) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    run = [sys.executable, "-m", "rollingjoint", *command.split()]
+    done = subprocess.run(run, cwd=ROOT, stdout=writing, stderr=subprocess.PIPE, text=True, timeout=120)
+    os.close(writing)
+    assert (done.stderr, done.returncode) == ("", 0)
+
+
+def test_teeth_of_a_picture_carry_what_this_friction_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(matplotlib.rcParams, "svg.fonttype", "none")
+    command = "plot pitch_yaw --tensions 4 1 2 3 --force -1 0.3 0.2 0"
+    for friction, drawn in ((0.01, True), (0.3, False)):
+        picture = tmp_path / f"{friction}.svg"
+        assert rj(f"{command} --friction {friction} --out {picture}") == 0
+        assert ("teeth beside friction of 0.01" in picture.read_text("utf-8")) is drawn

@@ -8,9 +8,9 @@ import torch
 
 from rollingjoint import transmission
 from rollingjoint.compiled import motor_yield, standalone, unstretched_length
-from rollingjoint.differentiable import transmission as of_tensors
+from rollingjoint.differentiable import formulas as of_tensors
 
-NAMES = ["play_step", "sheath_direction", "sheath_ratio", "limited_tension", "at_limit"]
+NAMES = ["play_step", "sheath_direction", "sheath_ratio", "elastic_tension", "at_limit", "pull_limit", "pull_end"]
 
 
 def numbers(function):
@@ -32,8 +32,8 @@ def test_tensors_and_arrays_give_the_same_numbers(name):
     expected = of_arrays(*rows)
     known = ~(np.isnan(expected) | np.isnan(found))  # infinite less infinite stays NaN in torch
     assert known.mean() > 0.9 and found.dtype == expected.dtype
-    if name == "sheath_ratio":  # exponentials of libraries differ in the last bit
-        np.testing.assert_allclose(found[known], expected[known], rtol=1e-15)
+    if name in ("sheath_ratio", "pull_limit", "pull_end"):  # exponentials of libraries differ in the last bit
+        np.testing.assert_allclose(found[known], expected[known], rtol=2e-15)
     else:
         assert np.array_equal(found[known], expected[known])
 

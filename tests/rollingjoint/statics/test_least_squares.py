@@ -1,13 +1,18 @@
 """Least squares: what it ends at is a minimum within the limits, for short chains and long ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rollingjoint import (
+    SpatialChain,
     Spring,
     Status,
     WorldForce,
     five_link,
+    pitch_yaw,
+    small_arm,
     solve_lengths,
     solve_tensions,
     solve_tensions_batch,
@@ -68,3 +73,31 @@ def test_without_a_load_only_the_ratio_is_found_and_the_largest_tension_is_near_
     assert found.tensions.max() == pytest.approx(1.5, abs=0.6)
     doubled = solve_tensions(five_link(), 2.0 * found.tensions)
     assert doubled.lengths == pytest.approx(found.lengths, abs=1e-8)
+
+
+ARMS = [small_arm(), replace(small_arm(), model="linear"), SpatialChain.from_arm(small_arm()), pitch_yaw()]
+NAMES = ["arm", "linear", "hinges in space", "rolling joints in space"]
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=NAMES)
+def test_chains_in_space_reach_lengths_that_can_be_reached(arm):
+    tensions = np.random.default_rng(2).uniform(1.0, 5.0, arm.n_tendons)
+    loads = [WorldForce(-1, (0.05, 0.02, -0.1))]
+    wanted = solve_tensions(arm, tensions, loads).require()
+    found = solve_lengths(arm, wanted.lengths, loads, method="least_squares").require()
+    assert found.lengths == pytest.approx(wanted.lengths, abs=1e-6)
+    assert found.tip == pytest.approx(wanted.tip, abs=5e-3)  # tensions that pull against each other stiffen it
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=NAMES)
+def test_no_tensions_nearby_bring_the_lengths_of_a_chain_in_space_nearer(arm):
+    rng = np.random.default_rng(3)
+    desired = arm.neutral_lengths + rng.uniform(-2.0, 2.0, arm.n_tendons)
+    found = solve_lengths(arm, desired, method="least_squares", tension_limits=(LOW, HIGH)).require()
+    assert np.all((found.tensions >= LOW) & (found.tensions <= HIGH))
+    away = np.repeat([0.1, 1e-2, 1e-3, 1e-4], 10)[:, None] * rng.normal(size=(40, arm.n_tendons))
+    starts = np.repeat(found.joint_angles[None], 40, axis=0)
+    others = solve_tensions_batch(arm, np.clip(found.tensions + away, LOW, HIGH), (), starts)
+    misses = np.sum((others.lengths - desired) ** 2, axis=1)[others.ok]
+    assert len(misses) > 20
+    assert misses.min() >= np.sum((found.lengths - desired) ** 2) - 1e-10

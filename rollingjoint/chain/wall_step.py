@@ -1,0 +1,220 @@
+"""Contact with walls at an equilibrium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint._numba.jit import machine_code
+from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint.chain.friction_step import check_shape
+from rollingjoint.kernels.friction import FrictionLaw, History
+from rollingjoint.kernels.walled_chain import Touched
+from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
+from rollingjoint.kernels.walls import MU, N_LAW, Walls
+
+Array = NDArray[np.float64]
+
+_INTEGERS, _MATRIX, _CUBE = Annotated[Integers, "B"], Annotated[Floats, "B", "i"], Annotated[Floats, "B", "i", "k"]
+_LAW, _HISTORY = Annotated[FrictionLaw, "B"], Annotated[History, "B"]
+
+KINDS = ("plane", "lumen", "disc", "capsule")
+"""Kinds of walls, by the numbers of `candidate_table`."""
+_N_PLACE = 4
+
+
+class WallContact(NamedTuple):
+    """One place where a link presses on a wall; places and directions in the base frame.
+
+    Attributes:
+        link: number of the link. kind, wall: kind of the wall, and its number among those.
+        place: where they touch [mm]. normal: unit normal of the wall there, to the link.
+        gap: negative where a compliant wall gives way [mm]. force: normal force [N].
+        friction: force along the wall, to the right of the normal positive [N].
+        state: friction state, -1 to 1. sticks: whether it is between both.
+        candidate: number of the pair (kernels.walls.Walls).
+    """
+
+    link: int
+    kind: str
+    wall: int
+    place: Array
+    normal: Array
+    gap: float
+    force: float
+    friction: float
+    state: float
+    sticks: bool
+    candidate: int
+
+
+@dataclass(frozen=True, eq=False)
+class WallStep:
+    """Contact with walls at an equilibrium, or at many with a leading axis B on all arrays but the walls.
+
+    Attributes:
+        walls: stack of the walls and outlines. which: index of the walls in it. base: pose of the base in the world.
+        gaps: (C,) of every candidate that presses; of others a lower bound [mm]. normals: (C,) normal forces [N].
+        states: (C,) friction states, -1 to 1.
+        forces: (n, 3) wall force on every link, x, y, and moment about its origin, base frame [N, N·mm].
+        work: dissipated at the walls in the step [N·mm].
+        jumped: whether a joint moved much farther than the tangent at the start promises: a snap-through.
+        memory: of contacts, for the next step; None where the step was without friction.
+    """
+
+    walls: Walls
+    which: int | NDArray[np.int64]
+    base: Array
+    gaps: Array
+    normals: Array
+    states: Array
+    forces: Array
+    work: float | Array
+    jumped: bool | NDArray[np.bool_]
+    memory: Touched | None = None
+
+    @classmethod
+    def of(cls, arrays: WallArrays, remembers: bool) -> Self:
+        """The results of a batch, from its outputs; remembers: whether its steps have left a memory."""
+        for array in (arrays.gaps, arrays.forces, arrays.work, *arrays.after):
+            array.setflags(write=False)
+        after = arrays.after
+        memory = after if remembers else None
+        outputs = arrays.gaps, after.normals, after.states, arrays.forces, arrays.work, arrays.jumped.astype(bool)
+        return cls(arrays.walls, arrays.which, arrays.bases, *outputs, memory)
+
+    def row(self, index: int) -> WallStep:
+        """The results of one row of a batch."""
+        memory = None if self.memory is None else Touched(*(values[index] for values in self.memory))
+        names = "base", "gaps", "normals", "states", "forces"
+        values = {name: getattr(self, name)[index] for name in names}
+        which, work, jumped = (getattr(self, name)[index].item() for name in ("which", "work", "jumped"))
+        return replace(self, which=which, work=work, jumped=jumped, memory=memory, **values)
+
+    def check(self, rows: tuple[int, ...], n_links: int) -> None:
+        """Raise InvalidInput unless its arrays have the shapes of a mechanism, with these leading axes."""
+        candidates = (*rows, n_candidates(self.walls))
+        for name, shape in (("gaps", candidates), ("normals", candidates), ("forces", (*rows, n_links, 3))):
+            check_shape(f"walls.{name}", getattr(self, name), shape)
+
+    @classmethod
+    def stacked(cls, steps: Sequence[WallStep]) -> WallStep:
+        """Results for one pair of walls and outline as one with a leading axis."""
+        first = steps[0]
+        names = "which", "base", "gaps", "normals", "states", "forces", "work", "jumped"
+        values: dict[str, Any] = {name: np.array([getattr(step, name) for step in steps]) for name in names}
+        memory = None
+        if all(step.memory is not None for step in steps):
+            memory = Touched(*map(np.array, zip(*(step.memory for step in steps), strict=True)))
+        return replace(first, memory=memory, **values)
+
+    def arrays(self, n_joints: int) -> WallArrays:
+        """What kernels take of all rows, with room for outputs; it begins with the memory and with these forces."""
+        which, base = np.array(self.which, np.int64).reshape(-1), np.array(self.base, float).reshape(-1, 3)
+        arrays = new_wall_arrays(self.walls, which, base, n_joints)
+        for values, mine in zip(arrays.before, self.memory or (), strict=False):
+            values[:] = mine
+        arrays.before.normals[:] = self.normals
+        return arrays
+
+    def touched(self, designs: tuple[Any, NDArray[np.int64]], angles: Array) -> tuple[WallArrays, Array]:
+        """Every candidate at joint angles (..., n - 1), before any slip, and its place and normal, (B, C, 4)."""
+        rows = angles.reshape(-1, angles.shape[-1]).copy()
+        arrays = self.arrays(rows.shape[1])
+        return arrays, touch(designs, rows, arrays)
+
+    def stiffness(
+        self,
+        designs: tuple[Any, NDArray[np.int64]],
+        law: FrictionLaw,
+        tendons: tuple[Array, Array],
+        loads: Array,
+        angles: Array,
+        history: History,
+        outputs: tuple[Array, Array, Array],
+    ) -> None:
+        """Fill the derivatives of kernels.walled_solve.walled_stiffness_of; tendons: tensions and their rates."""
+        chain, rows = designs
+        kinds = _LAW, _MATRIX, _MATRIX, _CUBE, _MATRIX, _HISTORY, float, WallArrays, _CUBE, _CUBE, _CUBE
+        fill = machine_code(walled_stiffness_of, type(chain), _INTEGERS, *kinds)
+        rubs, arrays = float(self.memory is not None), self.arrays(angles.shape[1])
+        fill(chain, rows, law, *tendons, loads, angles, history, rubs, arrays, *outputs)
+
+    def contacts(self, designs: tuple[Any, NDArray[np.int64]], angles: Array) -> list[list[WallContact]]:
+        """The candidates that press, of every row."""
+        _, places = self.touched(designs, angles)
+        which = np.reshape(self.which, -1)
+        gaps, normals, states = (
+            np.reshape(values, places.shape[:2]) for values in (self.gaps, self.normals, self.states)
+        )
+        every = []
+        for lane, index in enumerate(which):
+            table, mu = candidate_table(self.walls, index)
+            pressing = np.flatnonzero(normals[lane] > 0.0)
+            every.append(
+                [
+                    WallContact(
+                        link=int(table[c, 0]),
+                        kind=KINDS[table[c, 1]],
+                        wall=int(table[c, 2]),
+                        place=places[lane, c, :2],
+                        normal=places[lane, c, 2:],
+                        gap=float(gaps[lane, c]),
+                        force=float(normals[lane, c]),
+                        friction=float(-mu[c] * normals[lane, c] * states[lane, c]),
+                        state=float(states[lane, c]),
+                        sticks=bool(abs(states[lane, c]) < 1.0),
+                        candidate=int(c),
+                    )
+                    for c in pressing
+                ]
+            )
+        return every
+
+
+def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArrays) -> Array:
+    """Evaluate every candidate at joint angles (B, n - 1), before any slip, into the arrays; places and normals."""
+    places = np.zeros((*arrays.gaps.shape, _N_PLACE))
+    chain, rows = designs
+    kinds = type(chain), _INTEGERS, _MATRIX, WallArrays, _CUBE
+    machine_code(touch_again, *kinds)(chain, rows, angles, arrays, places)
+    return places
+
+
+def n_candidates(walls: Walls) -> int:
+    """Number of the pairs that may touch."""
+    points, bars, planes, discs, capsules, _, lumens = (array.shape[1] for array in walls[:-1])
+    return points * (planes + lumens) + bars * (discs + 4 * capsules)
+
+
+def candidate_table(walls: Walls, which: int) -> tuple[NDArray[np.int64], Array]:
+    """Link, kind of wall and number of the wall of every candidate, (C, 3), and its coefficient of friction, (C,)."""
+    planes, discs, capsules, _, lumens = (array.shape[1] for array in walls[2:-1])
+    of_points = [(0, w) for w in range(planes)] + [(1, w) for w in range(lumens)]
+    of_bars = [(2, w) for w in range(discs)] + [(3, w) for w in range(capsules) for _ in range(4)]
+    rows = [
+        (int(outline[which, q, 0]), *wall)
+        for outline, pairs in ((walls.points, of_points), (walls.bars, of_bars))
+        for q in range(outline.shape[1])
+        for wall in pairs
+    ]
+    laws = walls.planes, walls.lumens, walls.discs, walls.capsules
+    mu = [laws[kind][which, wall, MU - N_LAW] for _, kind, wall in rows]
+    return np.array(rows, np.int64).reshape(-1, 3), np.array(mu)
+
+
+def new_wall_arrays(
+    walls: Walls, which: NDArray[np.int64], bases: Array, n_joints: int, before: Touched | None = None
+) -> WallArrays:
+    """Walls of B lanes with empty outputs."""
+    count, candidates = len(which), n_candidates(walls)
+    every = np.zeros((9, count, candidates))
+    before = before or Touched(*every[:4])
+    forces, work = np.zeros((count, n_joints + 1, 3)), np.zeros(count)
+    return WallArrays(
+        walls, which, bases, before, Touched(*every[4:8]), every[8], forces, work, np.zeros(count, np.int64)
+    )

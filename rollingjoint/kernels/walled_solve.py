@@ -1,0 +1,358 @@
+"""Equilibria of chains among walls, row by row."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint._numba.pins import carve_tuple, size_of
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import INDETERMINATE, INVALID_INPUT, NO_ROOM, UNSTABLE, TendonLaw, all_resolvable
+from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
+from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
+from rollingjoint.kernels.rubbed_chain import (
+    StepFriction,
+    StepFrictionSizes,
+    remember,
+    rubbed_stiffness,
+    rubs_in_holes,
+)
+from rollingjoint.kernels.walled_chain import (
+    PENALTY,
+    PLACES,
+    RUBS,
+    STIFFER,
+    ContactMemory,
+    Touched,
+    base_stiffness,
+    begin_touch,
+    contact_sizes,
+    link_forces,
+    see,
+    touch_walls,
+    walled,
+)
+from rollingjoint.kernels.walls import Walls
+
+JUMP = 0.05  # rad, and thrice the tangent: motion of a joint that is a jump
+_MOST_UPDATES, _GAP_GOAL, _MOST_GAP = (
+    60,
+    1e-10,
+    1e-6,
+)  # of the forces of rigid walls; mm: gap that is zero, that is no room
+_FIRM = 1e5  # times the penalty: derivatives as between rigid walls
+_SLOW, _MOST_STIFFER = 0.25, 1e6  # a gap that falls less in an update has the penalty multiplied by ten
+
+
+class WallArrays(NamedTuple):
+    """Walls of B lanes, what they remember, and outputs."""
+
+    walls: Walls
+    which: Annotated[Integers, "B"]  # index of each lane's walls
+    bases: Annotated[Floats, "B", 3]  # pose of the base in the world [mm, rad]
+    before: Annotated[Touched, "B"]
+    after: Annotated[Touched, "B"]
+    gaps: Annotated[Floats, "B", "C"]  # of candidates that press; else a lower bound [mm]
+    forces: Annotated[Floats, "B", "n", 3]  # on every link: x, y, moment about its origin, base frame [N, N·mm]
+    work: Annotated[Floats, "B"]  # dissipated at the walls in the step [N·mm]
+    jumped: Annotated[Integers, "B"]  # 1 where a joint moved much farther than the tangent at the start
+
+
+@part
+def touched_of(touched, lane):
+    """What one lane remembers."""
+    return Touched(touched.states[lane], touched.slips[lane], touched.sides[lane], touched.normals[lane])
+
+
+@kernel(nogil=True, lapack=True, title="the solver among walls")
+def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes):
+    """Solve the given lanes without friction; all inputs but the stacks carry a leading lane axis."""
+    sizes = contact_sizes(walls.walls, starts.shape[1])
+    memory, state = np.zeros(size_of(ContactMemory, sizes)), formulas.new_state(chain, sizes.J, laws.command.shape[1])
+    _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, memory, sizes)
+
+
+@part
+def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, space, sizes):
+    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), borrow(state), borrow(walls)
+    designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
+    place = carve_tuple(borrow(space), 0, ContactMemory, sizes)
+    for number in range(lanes.size):
+        lane = lanes[number]
+        mechanism = formulas.design(chain, designs[lane])
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
+        solvable = solvable and all_resolvable(walls.bases[lane])
+        begin_place(walls, lane, solvable, place)
+        if solvable:
+            among = walled(mechanism, place, touched_of(walls.before, lane))
+            outcome = solve_between(among, law, loads[lane], starts[lane], state)
+        else:
+            outcome = solve_invalid(mechanism, starts[lane], state)
+        formulas.store(mechanism, state, outcome, results, lane)
+        store_walls(place.touch, state, walls, lane)
+        if solvable:
+            walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
+
+
+@part
+def solve_between(chain, law, loads, start, state):
+    """formulas.solve; between rigid walls the forces that keep their gaps at zero, by an augmented Lagrangian."""
+    touch = chain.touch
+    outcome = formulas.solve(chain, law, loads, start, state)
+    if chain.walls.rigid[0] <= 0.0:
+        return outcome
+    status, count, worst, escapes = outcome
+    before, angles = np.inf, np.empty(start.size)
+    for outer in range(_MOST_UPDATES):
+        open_gap = update_multipliers(touch)
+        if open_gap <= _GAP_GOAL or (status >= UNSTABLE and outer > 3):
+            break
+        if open_gap > _SLOW * before and touch.how[STIFFER] < _MOST_STIFFER:
+            touch.how[STIFFER] *= 10.0
+        before = open_gap
+        for i in range(angles.size):
+            angles[i] = state.angle[i]
+        status, more, worst, escapes = formulas.solve(chain, law, loads, angles, state)
+        count += more
+    return NO_ROOM if open_gap > _MOST_GAP else status, count, worst, escapes
+
+
+@part
+def has_jumped(touch, start, state):
+    """1 where a joint moved much farther than the tangent at the start promises, else 0.
+
+    The start is meant to be an equilibrium under other inputs: the first step of Newton's method is the tangent.
+    """
+    for i in range(start.size):
+        if abs(state.angle[i] - start[i]) > 3.0 * abs(touch.tangent[i]) + JUMP:
+            return 1
+    return 0
+
+
+@part
+def step_between(chain, friction, history, law, loads, start, state, memory):
+    """solve_between, a step with friction from its history."""
+    touch = chain.touch
+    outcome = formulas.solve_step(chain, friction, history, law, loads, start, state, memory)
+    if chain.walls.rigid[0] <= 0.0:
+        return outcome
+    status, count, worst, escapes = outcome
+    before, angles = np.inf, np.empty(start.size)
+    for outer in range(_MOST_UPDATES):
+        open_gap = update_multipliers(touch)
+        if open_gap <= _GAP_GOAL or (status >= UNSTABLE and outer > 3):
+            break
+        if open_gap > _SLOW * before and touch.how[STIFFER] < _MOST_STIFFER:
+            touch.how[STIFFER] *= 10.0
+        before = open_gap
+        for i in range(angles.size):
+            angles[i] = state.angle[i]
+        status, more, worst, escapes = formulas.solve_step(chain, friction, history, law, loads, angles, state, memory)
+        count += more
+    return NO_ROOM if open_gap > _MOST_GAP else status, count, worst, escapes
+
+
+@part
+def update_multipliers(touch):
+    """Keep the present normal forces of rigid walls as their multipliers; returns the largest gap that presses."""
+    open_gap = 0.0
+    for c in range(touch.gaps.size):
+        touch.multipliers[c] = touch.normals[c]
+        if touch.normals[c] > 0.0:
+            open_gap = max(open_gap, abs(touch.gaps[c]))
+    return open_gap
+
+
+@part
+def begin_place(walls, lane, solvable, place):
+    """Fill the walls of a lane as seen from its base, without friction; forget the last solve."""
+    begin_touch(place.touch)
+    walls.jumped[lane] = 0
+    if solvable:
+        for c in range(place.touch.gaps.size):
+            if walls.walls.rigid[walls.which[lane]] > 0.0:
+                place.touch.multipliers[c] = walls.before.normals[lane, c]
+        see(walls.walls, walls.which[lane], walls.bases[lane], place.seen)
+
+
+@part
+def store_walls(touch, state, walls, lane):
+    """Copy the contact of a solved state into the outputs."""
+    for c in range(touch.gaps.size):
+        walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
+        walls.after.states[lane, c] = touch.states[c]
+    link_forces(touch, state, walls.forces[lane])
+    walls.work[lane] = 0.0
+
+
+@kernel(nogil=True, lapack=True, short_loops=True, title="the solver with friction among walls")
+def step_among_walls(chain, designs, laws, loads, starts, results, friction, walls, lanes):
+    """Solve the steps with friction of the given lanes; all inputs but the stacks carry a leading lane axis."""
+    sizes = contact_sizes(walls.walls, starts.shape[1])
+    rubbing = StepFrictionSizes(sizes.J, laws.command.shape[1])
+    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    state = formulas.new_state(chain, rubbing.J, rubbing.m)
+    where = friction, walls, lanes, state, contacts, sizes, memory, rubbing
+    _step_each(chain, designs, laws, loads, starts, results, *where)
+
+
+@part
+def _step_each(
+    chain, designs, laws, loads, starts, results, friction, walls, lanes, state, contacts, sizes, space, rubbing
+):
+    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), borrow(state), borrow(walls)
+    designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
+    place, friction = carve_tuple(borrow(contacts), 0, ContactMemory, sizes), borrow(friction)
+    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
+    for number in range(lanes.size):
+        lane = lanes[number]
+        mechanism = formulas.design(chain, designs[lane])
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        coefficients, before = friction_of(friction.law, lane), history_of(friction.before, lane)
+        touched = touched_of(walls.before, lane)
+        solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
+        solvable = solvable and all_resolvable(walls.bases[lane]) and valid_friction(coefficients, before)
+        solvable = solvable and all_resolvable(touched.slips)
+        begin_place(walls, lane, solvable, place)
+        among, status = walled(mechanism, place, touched), INVALID_INPUT
+        if solvable:
+            place.touch.how[RUBS] = 1.0
+            outcome = step_between(among, coefficients, before, law, loads[lane], starts[lane], state, memory)
+            status = outcome[0]
+        else:
+            outcome = solve_invalid(mechanism, starts[lane], state)
+        formulas.store(mechanism, state, outcome, results, lane)
+        friction.work[lane] = remember(among, before, memory, status, state, history_of(friction.after, lane))
+        holds = solvable and rubs_in_holes(among, coefficients)
+        for i in range(state.angle.size):
+            for j in range(state.tension.size):
+                friction.tension[lane, i, j] = memory.now.tension[i, j] if holds else state.tension[j]
+        if holds:
+            formulas.store_friction(mechanism, state, memory, results, lane)
+        store_walls(place.touch, state, walls, lane)
+        walls.work[lane] = remember_walls(among, status, state, walls, lane)
+        if solvable:
+            walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
+
+
+@part
+def remember_walls(chain, status, state, walls, lane):
+    """Fill the memory of contacts after a step; returns the work of friction at the walls in it [N·mm].
+
+    Where the pose is indeterminate friction states stay as they were; without an equilibrium the whole memory stays.
+    """
+    touch, before, after, work = chain.touch, chain.before, touched_of(walls.after, lane), 0.0
+    if status <= INDETERMINATE:
+        touch_walls(chain, state, True)
+    for c in range(touch.gaps.size):
+        presses = touch.normals[c] > 0.0
+        if status > INDETERMINATE:
+            after.states[c], after.slips[c] = before.states[c], before.slips[c]
+            after.sides[c], after.normals[c] = before.sides[c], before.normals[c]
+            continue
+        after.slips[c], after.normals[c] = touch.slips[c], touch.normals[c]
+        after.sides[c] = touch.sides[c] if presses else 0.0
+        after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
+        if status < INDETERMINATE:
+            work += 0.5 * (touch.normals[c] + before.normals[c]) * touch.works[c]
+    return work
+
+
+@kernel(short_loops=True, title="the contact with walls")
+def touch_again(chain, designs, angles, walls, places):
+    """Evaluate every candidate at joint angles (B, J).
+
+    Fills gaps, forces of compliant walls without friction, and memory of contacts that have not slipped; and of every
+    candidate its contact point on the wall and the normal of the wall there, base frame: places (B, C, 4).
+    """
+    sizes = contact_sizes(walls.walls, angles.shape[1])
+    memory, state = (
+        np.zeros(size_of(ContactMemory, sizes)),
+        formulas.new_state(chain, sizes.J, chain.tendon_joints.size),
+    )
+    _touch_each(chain, designs, angles, walls, places, state, memory, sizes)
+
+
+@part
+def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
+    chain, state, walls, angles = borrow(chain), borrow(state), borrow(walls), borrow(angles)
+    designs, places = borrow(designs), borrow(places)
+    place = carve_tuple(borrow(space), 0, ContactMemory, sizes)
+    touch = place.touch
+    for lane in range(angles.shape[0]):
+        mechanism = formulas.design(chain, designs[lane])
+        for i in range(state.angle.size):
+            state.angle[i] = angles[lane, i]
+        begin_place(walls, lane, True, place)
+        formulas.evaluate_geometry(mechanism, state)
+        among = walled(mechanism, place, touched_of(walls.before, lane))
+        touch.how[PLACES] = 1.0
+        touch_walls(among, state, True)
+        for c in range(touch.gaps.size):
+            walls.gaps[lane, c], walls.after.slips[lane, c] = touch.gaps[c], touch.slips[c]
+            walls.after.normals[lane, c], walls.after.states[lane, c] = touch.normals[c], 0.0
+            walls.after.sides[lane, c] = touch.sides[c] if touch.normals[c] > 0.0 else 0.0
+            for column in range(4):
+                places[lane, c, column] = touch.places[c, column]
+
+
+@kernel(short_loops=True, title="the stiffness among walls")
+def walled_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, rubs, walls, A, torques, S):
+    """Fill A, (B, J, J), and d residual / d tension, (B, J, m), as after steps that left these histories and memories.
+
+    law: of the friction in the chain. rubs: 1 after steps with friction at the walls, else 0.
+    S (B, J, 3): d residual / d velocity of the base in its own frame: x, y, turn about its origin.
+    """
+    sizes = contact_sizes(walls.walls, angles.shape[1])
+    rubbing = StepFrictionSizes(sizes.J, tensions.shape[1])
+    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    state = formulas.new_state(chain, rubbing.J, rubbing.m)
+    where = history, rubs, walls, A, torques, S, state, contacts, sizes, memory, rubbing
+    _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, *where)
+
+
+@part
+def _stiffness_each(
+    chain,
+    designs,
+    law,
+    tensions,
+    elastic,
+    loads,
+    angles,
+    history,
+    rubs,
+    walls,
+    A,
+    torques,
+    S,
+    state,
+    contacts,
+    sizes,
+    space,
+    rubbing,
+):
+    chain, law, history, state, walls = borrow(chain), borrow(law), borrow(history), borrow(state), borrow(walls)
+    designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
+    angles, A, torques, S = borrow(angles), borrow(A), borrow(torques), borrow(S)
+    place = carve_tuple(borrow(contacts), 0, ContactMemory, sizes)
+    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
+    for lane in range(angles.shape[0]):
+        mechanism, past = formulas.design(chain, designs[lane]), history_of(history, lane)
+        begin_place(walls, lane, True, place)
+        place.touch.how[RUBS] = rubs
+        among = walled(mechanism, place, touched_of(walls.before, lane))
+        if place.seen.rigid[0] > 0.0:
+            place.touch.how[STIFFER] = _FIRM
+            evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
+            for c in range(place.touch.gaps.size):
+                if place.touch.multipliers[c] > 0.0:  # the force stays as it is, whatever the gap's rounding
+                    place.touch.multipliers[c] += PENALTY * _FIRM * place.touch.gaps[c]
+        evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
+        rubbed_stiffness(among, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
+        base_stiffness(among, state, S[lane])

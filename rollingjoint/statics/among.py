@@ -1,0 +1,105 @@
+"""Checked surroundings of the solvers: walls around one mechanism or the rows of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.rolling import planar
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.wall_step import new_wall_arrays, touch
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.walled_solve import WallArrays
+from rollingjoint.kernels.walls import MU, N_LAW, Walls
+from rollingjoint.surroundings import Surroundings
+
+Array = NDArray[np.float64]
+
+Around = Surroundings | Walls | None
+"""Surroundings, the arrays of one mechanism among them (kernels.walls.Walls), or None."""
+
+ORIGIN = (0.0, 0.0, 0.0)
+"""The pose of the base in the world: x, y [mm], angle [rad]."""
+
+
+def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
+    """The walls and the outline of a mechanism, as kernels take them, a stack of one."""
+    chain = planar(mechanism, "Surroundings are for planar chains.")
+    if isinstance(surroundings, Walls):
+        return surroundings
+    if not isinstance(surroundings, Surroundings):
+        raise InvalidInput("surroundings", surroundings, "Surroundings or None", "Surroundings([Disc((20, 50), 5)])")
+    return surroundings.arrays(chain)
+
+
+def walls_around(
+    mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
+) -> WallArrays:
+    """The walls around every row of a batch; surroundings: of all rows, or a list with those of each."""
+    single = isinstance(surroundings, Walls) or not isinstance(surroundings, Sequence)
+    every: Sequence[Around] = [surroundings] if single else surroundings  # type: ignore[list-item, assignment]
+    if not single and len(every) != rows:
+        raise InvalidInput("number of surroundings", len(every), f"{rows}, one per row of the batch")
+    places: dict[tuple[int, int], int] = {}
+    different: list[Walls] = []
+    which = np.zeros(rows, np.int64)
+    for row in range(rows):
+        chain = mechanism[row] if isinstance(mechanism, Sequence) else mechanism
+        around = every[0 if single else row]
+        place = places.setdefault((id(chain), id(around)), len(different))
+        if place == len(different):
+            different.append(walls_of(around, chain))
+        which[row] = place
+        if single and not isinstance(mechanism, Sequence):
+            break
+    first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
+    return new_wall_arrays(stacked_walls(different), which, _bases(base, rows), first.n_joints)
+
+
+def has_wall_friction(walls: Walls) -> bool:
+    """True if any wall rubs."""
+    laws = walls.planes, walls.discs, walls.capsules, walls.lumens
+    return any(bool((law[..., MU - N_LAW] > 0.0).any()) for law in laws)
+
+
+def fill_memory(walls: WallArrays, designs: tuple[Any, NDArray[np.int64]], history: Any) -> None:
+    """Fill the memory of contacts before a step: that of its history; before any slip, where the history has none."""
+    rows, step = len(walls.which), getattr(history, "walls", None)
+    memory = None if step is None else step.memory
+    if memory is not None and np.shape(memory.states)[-1:] == walls.gaps.shape[1:]:
+        for values, before in zip(walls.before, memory, strict=True):
+            values[:] = before
+        return
+    angles = history.joint_angles if isinstance(history, Solution) else np.asarray(history.angles)
+    bases = walls.bases if step is None else np.broadcast_to(step.base, (rows, 3)).copy()
+    at = new_wall_arrays(walls.walls, walls.which, bases, angles.shape[-1])
+    touch(designs, np.ascontiguousarray(np.broadcast_to(angles, (rows, angles.shape[-1]))), at)
+    for values, before in zip(walls.before, at.after, strict=True):
+        values[:] = before
+
+
+def stacked_walls(every: Sequence[Walls]) -> Walls:
+    """Several stacks as one, padded by rows without effect."""
+    if len(every) == 1:
+        return every[0]
+    joined = []
+    for arrays in zip(*every, strict=True):
+        if arrays[0].ndim > 1:
+            most = max(array.shape[1] for array in arrays)
+            arrays = tuple(np.pad(array, ((0, 0), (0, most - array.shape[1]), (0, 0))) for array in arrays)
+        joined.append(np.concatenate(arrays))
+    return Walls(*joined)
+
+
+def _bases(base: ArrayLike, rows: int | None) -> Array:
+    """Poses of the base, (rows or 1, 3)."""
+    allowed = "x, y [mm] and angle [rad]" if rows is None else f"x, y [mm] and angle [rad], once or for {rows} rows"
+    array = as_floats("base", base, allowed)
+    if array.shape != (3,) and (rows is None or array.shape != (rows, 3)):
+        raise InvalidInput("base", base, allowed)
+    return np.repeat(array.reshape(-1, 3), (rows or 1) // (1 if array.ndim == 1 else len(array)), axis=0)

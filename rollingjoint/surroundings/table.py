@@ -1,0 +1,117 @@
+"""All that surrounds a chain, and the arrays of it that kernels take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.checks import as_boolean
+from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.walls import N_LAW, Walls
+from rollingjoint.surroundings.lumen import Lumen
+from rollingjoint.surroundings.outline import Bare, HasSurfaces, Outline, Sleeve
+from rollingjoint.surroundings.walls import (
+    Capsule,
+    Disc,
+    HalfPlane,
+    Polygon,
+    Row,
+    Wall,
+    WallFriction,
+    checked_wall_friction,
+)
+
+Array = NDArray[np.float64]
+
+WALLS = (HalfPlane, Disc, Capsule, Polygon, Lumen)
+_NO_FRICTION = WallFriction(0.0)
+_WIDTHS = {"planes": 3, "discs": 3, "capsules": 5, "pieces": 8, "lumens": 0}  # without law or number of the lumen
+
+
+class HasLinks(Protocol):
+    """A planar chain."""
+
+    @property
+    def links(self) -> Sequence[HasSurfaces]:
+        """Its links, base first."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Walls around a planar chain, and the outline with which its links touch them.
+
+    Args:
+        walls: HalfPlane, Disc, Capsule, Polygon or Lumen, at least one; a chain has to be on the free side of each.
+        outline: Sleeve or Bare; default: a sleeve with half the width of every link as its radius.
+        friction: of walls without friction of their own; None: none.
+        rigid: links cannot be pressed into walls, and stiffnesses have no effect.
+    Raises:
+        InvalidInput: no walls, another kind of wall or outline, a toe of a rigid wall.
+    Source: docs/theory.md, section 12.
+    """
+
+    walls: Sequence[Wall]
+    outline: Outline = field(default_factory=Sleeve)
+    friction: WallFriction | None = None
+    rigid: bool = False
+
+    def __post_init__(self) -> None:
+        kinds = ", ".join(kind.__name__ for kind in WALLS[:-1]) + f" or {WALLS[-1].__name__}"
+        if not isinstance(self.walls, Iterable) or isinstance(self.walls, str):
+            raise InvalidInput("walls", self.walls, f"a list of {kinds}")
+        object.__setattr__(self, "walls", tuple(self.walls))
+        if not self.walls:
+            raise InvalidInput("walls", self.walls, f"at least one {kinds}", "Leave the surroundings out for none.")
+        for i, wall in enumerate(self.walls):
+            if not isinstance(wall, WALLS):
+                raise InvalidInput(f"walls[{i}]", wall, kinds)
+        if not isinstance(self.outline, Sleeve | Bare):
+            raise InvalidInput("outline", self.outline, "a Sleeve or Bare", "Sleeve(5.0) has a radius of 5 mm.")
+        checked_wall_friction(self.friction)
+        as_boolean("rigid", self.rigid)
+        for i, wall in enumerate(self.walls):
+            if self.rigid and wall.toe > 0.0:
+                raise InvalidInput(f"walls[{i}] toe", wall.toe, "0 for rigid walls", "Or leave rigid=True out.")
+
+    @property
+    def has_friction(self) -> bool:
+        """True if any wall rubs."""
+        return any(self._friction(wall).mu > 0.0 for wall in self.walls)
+
+    def arrays(self, chain: HasLinks) -> Walls:
+        """The arrays of kernels for a planar chain, with a leading axis of 1; kept for the next call.
+
+        Raises:
+            InvalidInput: links that the outline does not fit.
+        """
+        before: tuple[HasLinks, Walls] | None = self.__dict__.get("_arrays")
+        if before is not None and before[0] is chain:
+            return before[1]
+        outline = self.outline.rows(chain.links)
+        tables: dict[str, list[Row]] = {name: [] for name in _WIDTHS}
+        for wall in self.walls:
+            law = self._law(wall)
+            number = len(tables["lumens"])
+            for name, rows in wall.rows().items():
+                tables[name] += [(*row, number) if name == "pieces" else (*row, *law) for row in rows]
+        arrays = {
+            name: np.array(rows, float).reshape(-1, _WIDTHS[name] + (1 if name == "pieces" else N_LAW))
+            for name, rows in tables.items()
+        }
+        columns = {"points": outline.points, "bars": outline.bars, **arrays, "rigid": np.array(float(self.rigid))}
+        walls = Walls(**{name: np.ascontiguousarray(array[None]) for name, array in columns.items()})
+        for array in walls:
+            array.setflags(write=False)
+        object.__setattr__(self, "_arrays", (chain, walls))
+        return walls
+
+    def _friction(self, wall: Wall) -> WallFriction:
+        return wall.friction or self.friction or _NO_FRICTION
+
+    def _law(self, wall: Wall) -> Row:
+        friction, (stiffness, toe, per_length) = self._friction(wall), wall.law
+        return stiffness, toe, friction.mu, friction.presliding, float(per_length)
