@@ -110,7 +110,7 @@ def _reach(args: argparse.Namespace) -> int:
     _check_picture(args.plot)
     result = reach_command.run(args)
     if args.plot:
-        _draw(result.equilibrium, args.plot)
+        _draw(result.equilibrium, args.plot, report.FRICTION)
     return OK if result.ok else NOT_USABLE
 
 
