@@ -19,7 +19,7 @@ from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import suggestion
-from rollingjoint.cli import loop_command, mjcf, warmup_command
+from rollingjoint.cli import loop_command, mjcf, reach_command, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
@@ -104,6 +104,14 @@ def _plot(args: argparse.Namespace) -> int:
         raise InvalidInput("--friction", friction, allowed, "Other pictures show nothing that depends on it.")
     _draw(solution or mechanism, args.out, friction)
     return OK if solution is None or solution.ok else _unusable(args, solution)
+
+
+def _reach(args: argparse.Namespace) -> int:
+    _check_picture(args.plot)
+    result = reach_command.run(args)
+    if args.plot:
+        _draw(result.equilibrium, args.plot, report.FRICTION)
+    return OK if result.ok else NOT_USABLE
 
 
 def _loop(args: argparse.Namespace) -> int:
@@ -210,6 +218,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
+    reach = commands.add_parser("reach", help="lengths or tensions that bring the tip to a target")
+    reach_command.add_options(reach)
+    reach.set_defaults(run=_reach)
     plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")

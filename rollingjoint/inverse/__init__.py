@@ -5,6 +5,7 @@ Modules:
     reach: the functions.
     result: their results.
     starts: equilibria to start from.
+    warm: a single search from a known equilibrium.
 """
 
 from rollingjoint.inverse.reach import PREFERENCES, all_solutions, reach, reach_batch

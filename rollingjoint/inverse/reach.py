@@ -15,16 +15,17 @@ from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import Floats
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.chain import AnyChain, check_chain
-from rollingjoint.checks import as_choice, as_integer, as_number
+from rollingjoint.checks import as_choice, as_integer, as_number, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
 from rollingjoint.inverse.starts import samples_of
+from rollingjoint.inverse.warm import reach_from
 from rollingjoint.kernels import inverse as kernels
 from rollingjoint.kernels.arrays import LARGEST_INPUT, TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.batch import Batch, prescribed
-from rollingjoint.statics.inputs import Start, start_of, tension_limits_of
+from rollingjoint.statics.inputs import Start, broadcast_limits, start_of, tension_limits_of
 from rollingjoint.threads import run_in_threads
 from rollingjoint.transmission import unstretched_length
 
@@ -35,6 +36,7 @@ PREFERENCES = ("tension", "margins", "stiffness")
 INPUTS = ("lengths", "tensions")
 STARTS = 12  # that a search tries before it gives up
 TOLERANCE = 1e-6  # mm: a nearer target is reached
+_CLOSE, _FARTHER = 4, 1.5  # starts that are nearest one after the other; factor from one to the next beyond, squared
 _NEAR = 1e-3  # of a mechanism's length: a search that ends so near goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
@@ -43,7 +45,6 @@ _NEAREST = (
     Annotated[Floats, "B", "J"],
     Annotated[Floats, "B", "m"],
 )
-_AT_LIMIT = 1e-9  # of a limit, or N: so near a tension is at it
 
 
 def reach(
@@ -80,6 +81,13 @@ def reach(
     """
     check_chain(mechanism)
     table = mechanism.load_table(loads)
+    if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
+        limits = broadcast_limits(tension_limits, mechanism.n_tendons)
+        target = seen_as_vector("tip", tip, mechanism.dimension, "coordinates")
+        warm = reach_from(mechanism, target, table, limits, _preferred(prefer, *limits), start.equilibrium)
+        equilibrium, lengths, distance, steps = warm
+        if distance <= TOLERANCE:
+            return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
     goal = Goal.of(mechanism, tip, _checked_lever(lever), single=True)
     search = _Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
     return search.run(start, as_integer("starts", starts, 1)).row(0)
@@ -188,11 +196,10 @@ class _Searches:
     ) -> _Searches:
         """The searches, inputs checked."""
         as_choice("inputs", inputs, INPUTS)
-        as_choice("prefer", prefer, PREFERENCES)
         first = _first(mechanism)
         limits = tension_limits_of(tension_limits, first.n_tendons)
         batch = Batch.of(mechanism, "tensions", np.zeros((len(goal.points), first.n_tendons)))
-        preferred = _preferred(prefer, limits)
+        preferred = np.asarray(_preferred(prefer, *limits))
         return cls(batch, goal, batch.tables(loads), limits, inputs, preferred)
 
     def run(self, start: Start | Reach, starts: int, ranks: Rows | None = None) -> Reach:
@@ -212,6 +219,7 @@ class _Searches:
                 if samples is None:
                     samples = self._samples()
                     tried = np.full(len(best.distance), -1.0)
+                tried *= 1.0 if attempt < _CLOSE else _FARTHER
                 angles, tensions = self._nearest(samples, rows, tried)
                 for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
                     later = rows[ranks > rank]  # type: ignore[operator]
@@ -299,8 +307,9 @@ class _Searches:
         if len(elsewhere):
             where = rows[elsewhere]
             other = self._solve(where, values[elsewhere], chain, angles[elsewhere])
+            nearer = np.where(other.ok, goal.take(elsewhere).distances(other), np.inf)
             again = np.full(len(rows), np.inf)
-            again[elsewhere] = np.where(other.ok, goal.take(elsewhere).distances(other), np.inf)
+            again[elsewhere] = np.where(nearer < off[elsewhere] - TOLERANCE, nearer, np.inf)
             best.take(where, elsewhere, (values, angles, tensions, again, outcome), False)
         best.iterations[rows] += iterations
         best.over[rows] |= outcome == kernels.INVALID
@@ -325,13 +334,11 @@ class _Searches:
         status = np.where(distance <= TOLERANCE, ReachStatus.REACHED, status)
         status = np.where(np.isinf(distance), ReachStatus.NO_EQUILIBRIUM, status)
         status = np.where(best.outcome == kernels.INVALID, ReachStatus.INVALID_INPUT, status)
-        low, high = self.limits
-        near_low, near_high = (_AT_LIMIT * np.maximum(np.nan_to_num(limit, posinf=0.0), 1.0) for limit in (low, high))
         lengths = best.inputs
         if self.inputs == "tensions":
             lengths = unstretched_length(solution.lengths, solution.tensions, self.batch.per_row("stiffnesses"))
-        at_lowest, at_highest = solution.tensions <= low + near_low, solution.tensions >= high - near_high
-        return Reach(solution, lengths, distance, status, at_lowest, at_highest, best.from_rest, best.iterations)
+        low, high = self.limits
+        return Reach(solution, lengths, distance, status, (low, high), best.from_rest, best.iterations)
 
 
 @dataclass(frozen=True)
@@ -367,13 +374,18 @@ class _Best:
             self.starts[kept] = angles[better]
 
 
-def _preferred(prefer: str, limits: Array) -> Array:
-    """The tensions that are preferred, (m,) [N]."""
-    low, high = limits
+def _preferred(prefer: str, low: ArrayLike, high: ArrayLike) -> ArrayLike:
+    """The tensions that are preferred, numbers or (m,) [N]."""
     if prefer == "tension":
+        if type(low) is float and type(high) is float:
+            return max(low, min(_LEAST, high)) if abs(low) < np.inf else 0.0
         return np.where(np.isfinite(low), np.maximum(low, np.minimum(_LEAST, high)), 0.0)
+    as_choice("prefer", prefer, PREFERENCES)
+    low, high = np.asarray(low, float), np.asarray(high, float)
     if np.isposinf(high).any():
-        raise InvalidInput("tension_limits", limits.tolist(), f'a finite highest tension with prefer="{prefer}"')
+        raise InvalidInput(
+            "tension_limits", (low.tolist(), high.tolist()), f'a finite highest tension with prefer="{prefer}"'
+        )
     return high.copy() if prefer == "stiffness" else 0.5 * (low + high)
 
 

@@ -7,12 +7,15 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.status import codes_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+_AT_LIMIT = 1e-9  # of a limit, or N: so near a tension is at it
 
 
 class ReachStatus(IntEnum):
@@ -49,7 +52,7 @@ class Reach:
         distance: from the target [mm]: of the tip, or the root of the mean square over the links, a turn of 1 rad
             counted as `lever` mm.
         status: ReachStatus, or (B,) integers.
-        at_lowest, at_highest: True for tendons whose tension is at that limit, (m,).
+        tension_limits: lowest and highest, numbers or (m,) [N].
         from_rest: whether a solver that starts at rest ends here; where not, start it at equilibrium.joint_angles.
         iterations: Gauss-Newton steps of all starts.
     """
@@ -58,8 +61,7 @@ class Reach:
     lengths: Array
     distance: float | Array
     status: ReachStatus | NDArray[np.int64]
-    at_lowest: Mask
-    at_highest: Mask
+    tension_limits: tuple[ArrayLike, ArrayLike]
     from_rest: bool | Mask
     iterations: int | NDArray[np.int64]
 
@@ -67,6 +69,18 @@ class Reach:
     def tensions(self) -> Array:
         """(m,) [N]."""
         return np.asarray(self.equilibrium.tensions)
+
+    @property
+    def at_lowest(self) -> Mask:
+        """(m,) True for tendons at their lowest tension."""
+        low = np.asarray(self.tension_limits[0])
+        return np.asarray(self.tensions <= low + _AT_LIMIT * np.maximum(low, 1.0))
+
+    @property
+    def at_highest(self) -> Mask:
+        """(m,) True for tendons at their highest tension."""
+        high = np.asarray(self.tension_limits[1])
+        return np.asarray(self.tensions >= high - _AT_LIMIT * np.where(np.isfinite(high), np.maximum(high, 1.0), 0.0))
 
     @property
     def tip(self) -> Array:
@@ -108,9 +122,8 @@ class Reach:
         distance, status, rest, count = (
             np.asarray(values)[index].item() for values in (self.distance, self.status, self.from_rest, self.iterations)
         )
-        masks = self.at_lowest[index], self.at_highest[index]
-        equilibrium = self.equilibrium.row(index)
-        return Reach(equilibrium, self.lengths[index], distance, ReachStatus(status), *masks, rest, count)
+        equilibrium, limits = self.equilibrium.row(index), self.tension_limits
+        return Reach(equilibrium, self.lengths[index], distance, ReachStatus(status), limits, rest, count)
 
     def __repr__(self) -> str:
         codes = codes_of(self.status)

@@ -34,14 +34,14 @@ from rollingjoint.kernels.vectors import about, minus
 # How a search ended
 REACHED, NEAREST, STOPPED, LOST, INVALID = range(5)
 
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 120
 _POLISHING = 10  # more of them after the tensions are chosen
 _LONGEST = 0.5  # rad, of a step in any joint
 _FIRST_TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 1.0, 8.0, 1e-7
 _REACHED = 1e-10  # of the lever: a smaller miss is none
 _FUNNEL, _NARROWING = 0.02, 0.25  # a miss that is allowed to grow, of the lever; of its square from step to step
 _SETTLED = 1e-8  # rad: angles as near to equilibrium are at it
-_NO_GAIN = 1e-10  # of the squared miss: a smaller gain ends the search
+_NO_GAIN = 1e-7  # of the squared miss: a smaller gain ends the search
 _NO_CHANGE = 1e-3  # of the tensions: a smaller change is not worth a step
 _WEIGHT = 1e-5  # of the rates at the start, its root: of the second term
 _SINGULAR = 1e-13  # of the largest entry: a smaller pivot is none

@@ -1,10 +1,17 @@
 """The inverse brings every class of chains to targets, within limits, and says so where it cannot."""
 
+import contextlib
+import io
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import rollingjoint as rj
 from rollingjoint.errors import InvalidInput
+from tests.pages import examples
+
+PAGE = Path(__file__).parents[3] / "docs" / "inverse.md"
 
 CHAINS = {"planar": rj.five_link, "arm": rj.small_arm, "space": lambda: rj.pitch_yaw(2)}
 LIMITS = (1.0, 10.0)
@@ -166,3 +173,19 @@ def test_each_row_has_its_own_mechanism_and_loads():
     assert reached.ok.all()
     again = rj.solve_lengths_batch(chains, reached.lengths, tables, tension_limits=LIMITS)
     assert np.abs(again.tip - aims.tip).max() < 1e-6
+
+
+def test_the_page_prints_what_it_says():
+    (program, expected), *others = examples(PAGE.read_text("utf-8"))
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(program, {})
+    assert printed.getvalue() == expected and not others
+
+
+def test_the_command_exits_with_3_where_the_target_is_out_of_reach(capsys):
+    from rollingjoint.cli import main
+
+    assert main(["reach", "five_link", "--tip", "90", "90", "--tension-limits", "1", "10"]) == 3
+    assert "OUT_OF_REACH" in capsys.readouterr().out
+    assert main(["reach", "five_link", "--tip", "1"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
