@@ -28,6 +28,7 @@ from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.inverse import reach
 from rollingjoint.statics.reactions import hinge_reactions
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
+from rollingjoint.surroundings import Disc, Surroundings, WallFriction
 
 ENTRY_POINTS = "rollingjoint.kernels"
 _PAUSE = 0.05  # s between two looks at the processes
@@ -266,6 +267,20 @@ def general_planar_solver_with_friction() -> None:
     assert _step_with_friction(uniform(40)).size
 
 
+def planar_solver_among_walls() -> None:
+    """Solve a planar chain among walls, and check the next step for obstacles passed."""
+    chain, around = five_link(), Surroundings([Disc((20.0, 30.0), 5.0)])
+    first = solve_lengths(chain, chain.neutral_lengths - 0.5, surroundings=around)
+    second = solve_lengths(chain, chain.neutral_lengths - 0.5, surroundings=around, start=first)
+    assert second.stiffness.size and isinstance(second.wall_contacts, list)
+
+
+def planar_friction_among_walls() -> None:
+    """Take a step of a planar chain with friction in its holes and at walls."""
+    around = Surroundings([Disc((20.0, 30.0), 5.0)], friction=WallFriction(0.1))
+    assert _step_with_friction(five_link(), surroundings=around).size
+
+
 def motors_and_sheaths() -> None:
     """Move a motor with play, sheath and tension limits."""
     tendon, motor, half, friction = 90.0, 89.0, 0.5, 0.3
@@ -338,18 +353,26 @@ def _reach(mechanism: AnyChain) -> None:
     assert reach(mechanism, tip, tension_limits=(0.5, 2.0), start=cold).lengths.size
 
 
-def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
+def _step_with_friction(mechanism: AnyChain, surroundings: Surroundings | None = None) -> NDArray[np.float64]:
     """Stiffness after the first step of a mechanism [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
     hole = np.zeros((n_joints, mechanism.n_tendons))
     history = FrictionState(hole, hole, hole, np.array(mechanism.neutral_angles), np.zeros(n_joints))
-    return solve_tensions(rubbing, np.linspace(2.0, 1.0, mechanism.n_tendons), history=history).stiffness
+    tensions = np.linspace(2.0, 1.0, mechanism.n_tendons)
+    return solve_tensions(rubbing, tensions, history=history, surroundings=surroundings).stiffness
 
 
 # The longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
     Group("the arm's general solver with friction", general_arm_solver_with_friction, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
+    Group("the planar solver among walls", planar_solver_among_walls, family="planar"),
+    Group(
+        "the planar solver with friction among walls",
+        planar_friction_among_walls,
+        after="the planar solver among walls",
+        family="planar",
+    ),
     Group("the general planar solver", general_planar_solver, family="planar"),
     Group("the general planar solver with friction", general_planar_solver_with_friction, family="planar"),
     Group("the planar solver with friction", planar_friction, family="planar"),

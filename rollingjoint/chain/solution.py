@@ -341,6 +341,22 @@ class Solution(ABC):
         return float(force) if force.ndim == 0 else force
 
     @property
+    def base_torques(self) -> Array:
+        """(n - 1, 3) d residual / d motion of the base in its own frame: x, y, turn about its origin [N, N·mm/rad]."""
+        return self._around[0]
+
+    @property
+    def wall_force_rates(self) -> Array:
+        """(2, n + 2) d force of all walls, x and y / d joint angles and motion of the base [N/rad, N/mm, N/rad]."""
+        return self._around[1]
+
+    @property
+    def _around(self) -> tuple[Array, Array]:
+        if self.walls is not None:
+            return self._among_walls[2:]
+        return np.zeros((*self.joint_angles.shape, 3)), np.zeros((*self._codes.shape, 2, self._one.n_links + 2))
+
+    @property
     def jumped(self) -> bool | NDArray[np.bool_]:
         """True where a joint moved farther than 0.05 rad and thrice the tangent at the start: a snap-through at walls.
 
@@ -489,8 +505,11 @@ class Solution(ABC):
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     @cached_property
-    def _among_walls(self) -> tuple[Array, Array, Array]:
-        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3)."""
+    def _among_walls(self) -> tuple[Array, Array, Array, Array]:
+        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3).
+
+        And d force of all walls, x and y / d joint angle and motion of the base, (2, n + 2).
+        """
         assert self.walls is not None
         valid = self._codes != int(Status.INVALID_INPUT)
         loads = self._rows(np.where(valid[..., None, None], self.loads, 0.0), axes=2)
@@ -500,11 +519,12 @@ class Solution(ABC):
             law = friction_laws(self.mechanism, len(angles))
             history = History(*(self._rows(array, axes=array.ndim - self._codes.ndim) for array in state))
         H, torques = np.empty((*angles.shape, angles.shape[1])), np.empty((*angles.shape, self.tensions.shape[-1]))
-        S = np.empty((*angles.shape, 3))
+        S, F = np.empty((*angles.shape, 3)), np.empty((len(angles), 2, angles.shape[1] + 3))
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
-        self.walls.stiffness(self._designs, law, tendons, loads, angles, history, (H, torques, S))
+        self.walls.stiffness(self._designs, law, tendons, loads, angles, history, (H, torques, S, F))
         shape = self.joint_angles.shape
-        return H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, 3)
+        joined = H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, 3)
+        return *joined, F.reshape(*self._codes.shape, 2, -1)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

@@ -13,6 +13,7 @@ from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.chain.friction_step import check_shape
 from rollingjoint.kernels.friction import FrictionLaw, History
+from rollingjoint.kernels.passing import mark_passed
 from rollingjoint.kernels.walled_chain import Touched
 from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
@@ -135,11 +136,11 @@ class WallStep:
         loads: Array,
         angles: Array,
         history: History,
-        outputs: tuple[Array, Array, Array],
+        outputs: tuple[Array, Array, Array, Array],
     ) -> None:
         """Fill the derivatives of kernels.walled_solve.walled_stiffness_of; tendons: tensions and their rates."""
         chain, rows = designs
-        kinds = _LAW, _MATRIX, _MATRIX, _CUBE, _MATRIX, _HISTORY, float, WallArrays, _CUBE, _CUBE, _CUBE
+        kinds = _LAW, _MATRIX, _MATRIX, _CUBE, _MATRIX, _HISTORY, float, WallArrays, *[_CUBE] * 4
         fill = machine_code(walled_stiffness_of, type(chain), _INTEGERS, *kinds)
         rubs, arrays = float(self.memory is not None), self.arrays(angles.shape[1])
         fill(chain, rows, law, *tendons, loads, angles, history, rubs, arrays, *outputs)
@@ -183,6 +184,19 @@ def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArr
     kinds = type(chain), _INTEGERS, _MATRIX, WallArrays, _CUBE
     machine_code(touch_again, *kinds)(chain, rows, angles, arrays, places)
     return places
+
+
+def passed_through(
+    walls: Walls, which: NDArray[np.int64], before: tuple[Array, Array], now: tuple[Array, Array]
+) -> Any:
+    """True for every step whose chain has passed through a disc or a capsule, (B,).
+
+    before, now: poses of the links in the base frame, (B, n, 3), and of the base, (B, 3), before and after the step.
+    """
+    passed = np.zeros(len(which), np.int64)
+    mark = machine_code(mark_passed, Walls, _INTEGERS, _CUBE, _MATRIX, _CUBE, _MATRIX, _INTEGERS)
+    mark(walls, which, *map(np.ascontiguousarray, (*before, *now)), passed)
+    return passed > 0
 
 
 def n_candidates(walls: Walls) -> int:

@@ -24,6 +24,7 @@ Modules:
     long_chain: Newton steps in O(n).
     long_lu: Newton steps in O(n) with friction.
     newton: Newton's method with a line search.
+    passing: whether a chain has passed through an obstacle.
     planar_loads: loads in the plane: energy, sums, stiffness.
     rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
     rolling_lanes: planar chains in lanes, without and with friction.

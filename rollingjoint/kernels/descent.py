@@ -26,7 +26,7 @@ from rollingjoint.kernels.arrays import (
     SMALLEST_PIVOT,
 )
 from rollingjoint.kernels.bounds import mark_free, move, release_step
-from rollingjoint.kernels.formulas import evaluate, renew, stiffness
+from rollingjoint.kernels.formulas import evaluate, renew, shorten, stiffness
 from rollingjoint.kernels.friction import overshoots_kink
 from rollingjoint.kernels.linear import cholesky, cholesky_solve, largest, lu_step
 from rollingjoint.kernels.newton import (
@@ -92,6 +92,7 @@ def _descend(chain, law, loads, conservative, prox, anchor, state, H, L, vectors
             if not conservative or escapes == _MOST_ESCAPES or not _is_saddle(H, free, size, step):
                 return count
             escapes += 1
+            shorten(chain, state, step, False)
             escaped, energy, magnitude = _escape(chain, law, loads, prox, anchor, state, phi, step, before)
             if not escaped:
                 return count
@@ -137,7 +138,7 @@ def _shifted_step(chain, state, H, conservative, free, residual, L, step):
     for i in range(n):
         if abs(step[i]) > MAX_STEP:
             return False
-    return True
+    return not shorten(chain, state, step, False) < 1.0
 
 
 @part

@@ -173,8 +173,8 @@ def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, 
     raise TypeError("direction is compiled into kernels")
 
 
-def shorten(chain: Any, state: Any, step: Any) -> None:
-    """Shorten a step of Newton's method that would move the chain too far."""
+def shorten(chain: Any, state: Any, step: Any, is_newtons: Any) -> Any:
+    """Shorten a step that would move the chain too far; returns the factor, 1 where the step stays as it is."""
     raise TypeError("shorten is compiled into kernels")
 
 

@@ -99,7 +99,7 @@ def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L
     if longest > MAX_STEP:
         for i in range(free.size):
             step[i] *= MAX_STEP / longest
-    shorten(chain, state, step)
+    shorten(chain, state, step, True)
 
 
 @part
@@ -273,6 +273,7 @@ def _minimise(
                 return kind, iteration, worst
             escapes += 1
             escape_direction(H, free, step)
+            shorten(chain, state, step, False)
         elif stalled:
             return NOT_CONVERGED, iteration, worst
         else:

@@ -188,9 +188,9 @@ def renew(chain, state, energy, magnitude):
 
 
 @formula(formulas.shorten, Rubbed)
-def shorten(chain, state, step):
+def shorten(chain, state, step, is_newtons):
     """Shorten a step that would move the chain too far."""
-    formulas.shorten(chain.chain, state, step)
+    return formulas.shorten(chain.chain, state, step, is_newtons)
 
 
 @formula(formulas.overshoots, Rubbed)

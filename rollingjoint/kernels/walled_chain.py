@@ -582,6 +582,20 @@ def base_stiffness(chain, state, S):
         S[i, 2] -= sums[i, _X_DOT_G] - (x * sums[i, _GX] + y * sums[i, _GY])
 
 
+@part
+def force_rates(chain, state, rates):
+    """Fill d force of all walls, x and y / d joint angle and d velocity of the base in its own frame, (2, J + 3)."""
+    contact, sums = state.contact, chain.touch.sums
+    n = contact.shape[0]
+    for i in range(n):
+        fx, fy, _ = _from_the_right(sums, i, contact[i, 0], contact[i, 1])
+        rates[0, i], rates[1, i] = -fx, -fy
+    for column in range(3):
+        rates[0, n + column], rates[1, n + column] = -sums[0, _S + column], -sums[0, _S + 3 + column]
+    rates[0, n + 2] -= sums[0, _GY]  # the frame of the base turns, too
+    rates[1, n + 2] += sums[0, _GX]
+
+
 @formula(formulas.generator_columns, Walled)
 def generator_columns(chain, loads):
     """Number of columns of a Sweep for loads and walls: three, and one for each torsion spring over two joints."""
@@ -603,10 +617,10 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 
 
 @formula(formulas.shorten, Walled)
-def shorten(chain, state, step):
-    """Shorten a step that would move the origin of a link too far; keep the first one as it is."""
+def shorten(chain, state, step, is_newtons):
+    """Shorten a step that would move the origin of a link too far; keep the first of Newton's; returns the factor."""
     n, contact, pose, touch = step.size, state.contact, state.pose, chain.touch
-    for i in range(n if touch.how[STEPS] == 0.0 else 0):
+    for i in range(n if is_newtons and touch.how[STEPS] == 0.0 else 0):
         touch.tangent[i] = step[i]
     touch.how[STEPS] += 1.0
     turn, x, y, farthest = 0.0, 0.0, 0.0, 0.0
@@ -616,10 +630,12 @@ def shorten(chain, state, step):
         y += step[i] * contact[i, 1]
         dx, dy = y - turn * pose[i + 1, Y], turn * pose[i + 1, X] - x
         farthest = max(farthest, dx * dx + dy * dy)
-    if farthest > LONGEST_MOVE * LONGEST_MOVE:
-        part_of_it = LONGEST_MOVE / np.sqrt(farthest)
-        for i in range(n):
-            step[i] *= part_of_it
+    if farthest <= LONGEST_MOVE * LONGEST_MOVE:
+        return 1.0
+    part_of_it = LONGEST_MOVE / np.sqrt(farthest)
+    for i in range(n):
+        step[i] *= part_of_it
+    return part_of_it
 
 
 @formula(formulas.evaluate_geometry, Walled)

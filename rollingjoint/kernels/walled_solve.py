@@ -31,6 +31,7 @@ from rollingjoint.kernels.walled_chain import (
     base_stiffness,
     begin_touch,
     contact_sizes,
+    force_rates,
     link_forces,
     see,
     touch_walls,
@@ -302,17 +303,18 @@ def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
 
 
 @kernel(short_loops=True, title="the stiffness among walls")
-def walled_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, rubs, walls, A, torques, S):
+def walled_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, rubs, walls, A, torques, S, F):
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), as after steps that left these histories and memories.
 
     law: of the friction in the chain. rubs: 1 after steps with friction at the walls, else 0.
-    S (B, J, 3): d residual / d velocity of the base in its own frame: x, y, turn about its origin.
+    S (B, J, 3): d residual / d velocity of the base in its own frame: x, y, turn about its origin. F (B, 2, J + 3): d
+    force of all walls, x and y / d joint angle and d velocity of the base.
     """
     sizes = contact_sizes(walls.walls, angles.shape[1])
     rubbing = StepFrictionSizes(sizes.J, tensions.shape[1])
     contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
     state = formulas.new_state(chain, rubbing.J, rubbing.m)
-    where = history, rubs, walls, A, torques, S, state, contacts, sizes, memory, rubbing
+    where = history, rubs, walls, A, torques, S, F, state, contacts, sizes, memory, rubbing
     _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, *where)
 
 
@@ -331,6 +333,7 @@ def _stiffness_each(
     A,
     torques,
     S,
+    F,
     state,
     contacts,
     sizes,
@@ -339,7 +342,7 @@ def _stiffness_each(
 ):
     chain, law, history, state, walls = borrow(chain), borrow(law), borrow(history), borrow(state), borrow(walls)
     designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
-    angles, A, torques, S = borrow(angles), borrow(A), borrow(torques), borrow(S)
+    angles, A, torques, S, F = borrow(angles), borrow(A), borrow(torques), borrow(S), borrow(F)
     place = carve_tuple(borrow(contacts), 0, ContactMemory, sizes)
     memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
     for lane in range(angles.shape[0]):
@@ -356,3 +359,4 @@ def _stiffness_each(
         evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
         rubbed_stiffness(among, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
         base_stiffness(among, state, S[lane])
+        force_rates(among, state, F[lane])

@@ -6,6 +6,7 @@ Modules:
     inputs: checked inputs: starts and histories, limits of tensions.
     least_squares: tendon lengths in the least-squares sense.
     loop: paths back and forth, and the hysteresis in them.
+    parts: steps that would pass through an obstacle, done again in parts.
     problem: prepared problems, checked once.
     reactions: forces and moments of the hinges of arms.
     sensitivity: derivatives of equilibria.

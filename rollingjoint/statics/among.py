@@ -58,7 +58,7 @@ def walls_around(
         if single and not isinstance(mechanism, Sequence):
             break
     first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
-    return new_wall_arrays(stacked_walls(different), which, _bases(base, rows), first.n_joints)
+    return new_wall_arrays(stacked_walls(different), which, bases_of(base, rows), first.n_joints)
 
 
 def has_wall_friction(walls: Walls) -> bool:
@@ -96,10 +96,10 @@ def stacked_walls(every: Sequence[Walls]) -> Walls:
     return Walls(*joined)
 
 
-def _bases(base: ArrayLike, rows: int | None) -> Array:
-    """Poses of the base, (rows or 1, 3)."""
-    allowed = "x, y [mm] and angle [rad]" if rows is None else f"x, y [mm] and angle [rad], once or for {rows} rows"
+def bases_of(base: ArrayLike, rows: int) -> Array:
+    """Poses of the base, (rows, 3)."""
+    allowed = f"x, y [mm] and angle [rad], once or for {rows} rows"
     array = as_floats("base", base, allowed)
-    if array.shape != (3,) and (rows is None or array.shape != (rows, 3)):
+    if array.shape not in ((3,), (rows, 3)):
         raise InvalidInput("base", base, allowed)
-    return np.repeat(array.reshape(-1, 3), (rows or 1) // (1 if array.ndim == 1 else len(array)), axis=0)
+    return np.repeat(array[None], rows, axis=0) if array.ndim == 1 else array.copy()

@@ -12,15 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.chain.batch import solve_batch, step_batch
 from rollingjoint.chain.chain import AnyChain, Chain, kinds
 from rollingjoint.chain.friction_step import friction_laws, no_friction
-from rollingjoint.chain.solution import stacked
+from rollingjoint.chain.solution import Solution, stacked
 from rollingjoint.chain.stacks import Variations, designs_of, distinct
+from rollingjoint.chain.wall_step import new_wall_arrays
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.statics.among import ORIGIN, Around, fill_memory, has_wall_friction, walls_around
 from rollingjoint.statics.inputs import History, Start, checked_history, start_of
+from rollingjoint.statics.parts import has_obstacles, in_parts, row_of, rows_that_passed
 
 Array = NDArray[np.float64]
 
@@ -74,7 +77,7 @@ class Batch:
         tables, phi = self.tables(loads), self.starts(start_of(starts, history))
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, phi
         if surroundings is not None:
-            return self.solve_among(laws, tables, phi, history, surroundings, base)
+            return self.solve_among(laws, tables, phi, (starts, history), surroundings, base)
         rub = [chain.has_friction for chain in self.chains]
         if history is None or not any(rub):
             return solve_batch(*inputs)
@@ -88,14 +91,34 @@ class Batch:
         self,
         laws: TendonLaw,
         tables: Array,
-        starts: Array,
-        history: History,
+        angles: Array,
+        before: tuple[Start, History],
         surroundings: Around | Sequence[Around],
         base: ArrayLike,
     ) -> Any:
-        """The equilibria among walls."""
+        """The equilibria among walls; angles: to start from, (B, n - 1); before: what they are of, and the history.
+
+        Steps from equilibria among walls that pass through an obstacle are done again in parts, or else refused.
+        """
         rows, mechanism = len(self.inputs), self.mechanism if self.variations is None else self.chains[0]
         walls = walls_around(mechanism, surroundings, base, rows)
+        solution = self._step_among(laws, tables, angles, before[1], walls)
+        at = next((each for each in before if isinstance(each, Solution) and each.walls is not None), None)
+        if at is None or not has_obstacles(walls.walls):
+            return solution
+        passed = rows_that_passed(at, solution)
+        if not passed.size:
+            return solution
+        each = [solution.row(row) for row in range(rows)]
+        for row in passed:
+            law = TendonLaw(*(values[row] for values in laws))
+            history = row_of(before[1], row, rows)
+            each[row] = in_parts(_take_part, row_of(at, row, rows), history, each[row], law, tables[row])
+        return replace(stacked(each), mechanism=solution.mechanism)
+
+    def _step_among(self, laws: TendonLaw, tables: Array, starts: Array, history: History, walls: WallArrays) -> Any:
+        """The equilibria among walls, obstacles that they pass through or not."""
+        rows = len(self.inputs)
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, starts
         in_chain = any(chain.has_friction for chain in self.chains)
         if history is None or not (in_chain or has_wall_friction(walls.walls)):
@@ -146,6 +169,30 @@ class Batch:
         if len(phi) != len(self.inputs):
             raise InvalidInput("number of starts", len(phi), f"{len(self.inputs)}, one per row of the batch")
         return phi
+
+
+def solve_one_among(
+    mechanism: AnyChain,
+    law: TendonLaw,
+    table: Array,
+    angles: Array,
+    before: tuple[Start, History],
+    surroundings: Around,
+    base: ArrayLike,
+) -> Any:
+    """The equilibrium of one mechanism among walls; law: (m,) each; table: (rows, columns); angles: to start from."""
+    batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
+    laws = TendonLaw(*(values[None] for values in law))
+    return batch.solve_among(laws, table[None].copy(), angles[None].copy(), before, surroundings, base).row(0)
+
+
+def _take_part(mechanism: AnyChain, law: TendonLaw, table: Array, at: Solution, history: History, walls: Any) -> Any:
+    """A part of a step, (WallStep, pose of the base) being the walls, from an equilibrium."""
+    batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
+    laws, angles = TendonLaw(*(values[None] for values in law)), at.joint_angles[None].copy()
+    step, base = walls
+    arrays = new_wall_arrays(step.walls, np.array([step.which]), base[None].copy(), mechanism.n_joints)
+    return batch._step_among(laws, table[None].copy(), angles, history, arrays).row(0)
 
 
 def prescribed(tensions: Array) -> TendonLaw:

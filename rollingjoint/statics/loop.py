@@ -13,6 +13,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_choice, as_integer, as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
+from rollingjoint.statics.among import ORIGIN, Around
 from rollingjoint.statics.solve import solve_tensions
 from rollingjoint.statics.trace import trace
 
@@ -98,6 +99,13 @@ class Loop:
         return float(-np.sum(0.5 * (tensions[1:] + tensions[:-1]) * np.diff(lengths, axis=0)))
 
     @property
+    def base_work(self) -> float:
+        """Work of what moves the base among walls in a cycle, by the trapezoidal rule [N·mm]; 0 without walls."""
+        if self.path.walls is None:
+            return 0.0
+        return base_work(self.path, self.cycle)
+
+    @property
     def sticking(self) -> float:
         """Share of the links' holes that stick, mean over the cycle; 0 without friction."""
         if self.path.friction is None:
@@ -115,6 +123,9 @@ def trace_loop(
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
     cycles: int = 2,
     steps: int = 200,
+    surroundings: Around = None,
+    base: ArrayLike = ORIGIN,
+    base_swing: ArrayLike = ORIGIN,
 ) -> Loop:
     """The loop of a mechanism that is driven to both sides of a middle.
 
@@ -130,6 +141,8 @@ def trace_loop(
         tension_limits: with lengths, minimum and maximum tendon tension, numbers or (m,) [N].
         cycles: number of cycles, 1 or more.
         steps: steps from one end to the other, 1 or more; cycles x steps is at most MOST_STEPS.
+        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them in the
+            middle, x, y [mm], angle [rad]. base_swing: its change from there to the first end.
     Raises:
         InvalidInput: wrong shapes or types, numbers that are not finite, too many steps.
     """
@@ -143,13 +156,34 @@ def trace_loop(
         [np.linspace(0.0, 1.0, (steps + 1) // 2 + 1), *([outward[1:], outward[-2::-1]] * cycles)], axis=0
     )
     inputs = inputs_of(centre, to_end, shares)
-    path = trace(mechanism, inputs, loads, given=given, tension_limits=tension_limits)
+    bases = inputs_of(_pose("base", base), _pose("base_swing", base_swing), shares)
+    among: dict[str, Any] = {"surroundings": surroundings, "base": bases}
+    path = trace(mechanism, inputs, loads, given=given, tension_limits=tension_limits, **among)
     return Loop(path, shares, centre, to_end, steps, given)
 
 
 def inputs_of(middle: Array, swing: Array, shares: Array) -> Array:
     """(K, m) inputs at shares of the swing."""
     return middle + shares[:, None] * swing
+
+
+def base_work(path: Any, steps: slice = slice(None)) -> float:
+    """Work of what moves the base of a path among walls, by the trapezoidal rule [N·mm]."""
+    bases, forces = path.walls.base[steps], -path.wall_forces[steps]
+    x, y = np.moveaxis(path.poses[steps, :, :2], -1, 0)
+    moment = (forces[..., 2] + x * forces[..., 1] - y * forces[..., 0]).sum(axis=-1)
+    fx, fy, _ = np.moveaxis(forces.sum(axis=1), -1, 0)
+    cos, sin = np.cos(bases[:, 2]), np.sin(bases[:, 2])
+    driving = np.stack([cos * fx - sin * fy, sin * fx + cos * fy, moment], axis=-1)
+    return float(np.sum(0.5 * (driving[1:] + driving[:-1]) * np.diff(bases, axis=0)))
+
+
+def _pose(what: str, values: ArrayLike) -> Array:
+    """The pose of a base or its change, finite, (3,)."""
+    array = as_vector(what, values, 3, "x, y [mm] and angle [rad]")
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(what, values, "3 finite numbers: x, y [mm] and angle [rad]")
+    return array
 
 
 def _per_tendon(what: str, values: ArrayLike, mechanism: AnyChain) -> Array:

@@ -12,7 +12,10 @@ from rollingjoint.chain.batch import solve_one
 from rollingjoint.chain.chain import Chain, check_chain, read_only
 from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.walls import Walls
 from rollingjoint.load import Load
+from rollingjoint.statics.among import ORIGIN, Around, walls_of
+from rollingjoint.statics.batch import solve_one_among
 from rollingjoint.statics.inputs import History, Start, angles_of, checked_history, tension_limits_of
 from rollingjoint.statics.slot import Law, Slot, full_law
 
@@ -30,15 +33,19 @@ class Problem(Generic[S]):
     Attributes:
         mechanism: the RollingChain or HingeChain. given: "lengths" or "tensions".
         loads: load table, (rows, columns), read-only. tension_limits: minimum and maximum, (2, m) [N].
+        walls: arrays of its surroundings, or None.
     """
 
-    def __init__(self, mechanism: Chain[S], given: str, loads: Array, tension_limits: Array) -> None:
+    def __init__(
+        self, mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Walls | None = None
+    ) -> None:
         self.mechanism, self.given = mechanism, given
         self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
+        self.walls = walls
         self._rubs, self._n_tendons = mechanism.has_friction, mechanism.n_tendons
         self._spares: list[Slot] = []
 
-    def solve(self, values: ArrayLike, start: Start = None, history: History = None) -> S:
+    def solve(self, values: ArrayLike, start: Start = None, history: History = None, base: ArrayLike = ORIGIN) -> S:
         """The equilibrium that solve_lengths or solve_tensions finds, to the last bit.
 
         Args:
@@ -46,6 +53,7 @@ class Problem(Generic[S]):
             start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
             history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Default
                 start: its joint angles.
+            base: pose of the base among the surroundings, x, y [mm], angle [rad].
         Returns:
             Equilibrium or HingeEquilibrium; look at its status.
         Raises:
@@ -53,6 +61,10 @@ class Problem(Generic[S]):
         """
         command = seen_as_vector(self.given, values, self._n_tendons, "one per tendon")
         angles = angles_of(self.mechanism, start, history)
+        if self.walls is not None:
+            law = full_law(self._law(command), self._n_tendons)
+            among: S = solve_one_among(self.mechanism, law, self.loads, angles, (start, history), self.walls, base)
+            return among
         if history is not None and self._rubs:
             return self._step(command, angles, history)
         spares = self._spares
@@ -74,7 +86,7 @@ class Problem(Generic[S]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The arguments of the constructor: addresses have no meaning in another process."""
-        return _restored, (self.mechanism, self.given, self.loads, self.tension_limits)
+        return _restored, (self.mechanism, self.given, self.loads, self.tension_limits, self.walls)
 
     def _step(self, command: Array, angles: Array, history: History) -> S:
         """A step with friction."""
@@ -100,6 +112,7 @@ def prepare(
     loads: Sequence[Load] = (),
     given: str = "lengths",
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
+    surroundings: Around = None,
 ) -> Problem[S]:
     """A problem that is checked once, for many solves under the same loads.
 
@@ -111,6 +124,7 @@ def prepare(
         loads: external loads.
         given: "lengths" (elastic tendons) or "tensions".
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]; only where lengths are given.
+        surroundings: walls around the mechanism, a RollingChain; None: none.
     Raises:
         InvalidInput: wrong types, a load on a link that does not exist, tension limits where tensions are given.
     """
@@ -119,8 +133,11 @@ def prepare(
     limits = tension_limits_of(tension_limits, mechanism.n_tendons)
     if given == "tensions" and (limits[0].any() or not np.isposinf(limits[1]).all()):
         raise InvalidInput("tension_limits", tension_limits, '(0, inf) with given="tensions"')
-    return Problem(mechanism, given, mechanism.load_table(loads), limits)
+    walls = None if surroundings is None else walls_of(surroundings, mechanism)
+    return Problem(mechanism, given, mechanism.load_table(loads), limits, walls)
 
 
-def _restored(mechanism: Chain[S], given: str, loads: Array, tension_limits: Array) -> Problem[S]:
-    return Problem(mechanism, given, loads, tension_limits)
+def _restored(
+    mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Walls | None = None
+) -> Problem[S]:
+    return Problem(mechanism, given, loads, tension_limits, walls)

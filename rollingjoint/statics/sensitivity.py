@@ -72,6 +72,41 @@ def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None
     return _dposes(equilibrium, _respond(equilibrium, equilibrium.stiffness, torque))
 
 
+def dposes_dbase(equilibrium: Solution) -> Array:
+    """d link poses / d motion of the base among walls, (n, 3, 3) [1, mm/rad, rad/mm, 1], at given inputs.
+
+    Poses are in the base frame; the base moves in its own frame: x, y, turn about its origin. Zeros without walls.
+    """
+    return _dposes(equilibrium, _dangles_dbase(equilibrium))
+
+
+def dinsertion_dtensions(equilibrium: Solution) -> Array:
+    """d insertion force / d tensions, (m,) [1], the other tensions held."""
+    return _dinsertion(equilibrium, _dangles_dtensions(equilibrium))
+
+
+def dinsertion_dlengths(equilibrium: Solution) -> Array:
+    """d insertion force / d commanded lengths, (m,) [N/mm]."""
+    return _dinsertion(equilibrium, _dangles_dlengths(equilibrium))
+
+
+def dinsertion_dbase(equilibrium: Solution) -> Array:
+    """d insertion force / d motion of the base in its own frame, (3,): x, y, turn [N/mm, N/rad], at given inputs."""
+    n_joints = equilibrium.joint_angles.shape[-1]
+    held = -equilibrium.wall_force_rates[..., 1, n_joints:]
+    return held + _dinsertion(equilibrium, _dangles_dbase(equilibrium))
+
+
+def _dangles_dbase(equilibrium: Solution) -> Array:
+    return _respond(equilibrium, equilibrium.stiffness, -equilibrium.base_torques)
+
+
+def _dinsertion(equilibrium: Solution, dangles: Array) -> Array:
+    """Chain d joint angles (n - 1, k) to d insertion force (k,)."""
+    rates = equilibrium.wall_force_rates[..., 1, None, : dangles.shape[-2]]
+    return -(rates @ dangles)[..., 0, :]
+
+
 def _dangles_dtensions(equilibrium: Solution) -> Array:
     torques, rates, k = equilibrium.torques_per_tension, equilibrium.tendon_rates, equilibrium.tendon_stiffness
     tension_stiffness = equilibrium.stiffness - (torques * k[..., None, :]) @ np.swapaxes(rates, -1, -2)

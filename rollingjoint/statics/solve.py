@@ -15,7 +15,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.among import ORIGIN, Around
-from rollingjoint.statics.batch import Batch, prescribed
+from rollingjoint.statics.batch import Batch, prescribed, solve_one_among
 from rollingjoint.statics.inputs import History, Start, angles_of, broadcast_limits, checked_history, tension_limits_of
 from rollingjoint.statics.least_squares import solve_least_squares
 from rollingjoint.statics.slot import Law, full_law, spare_slot
@@ -179,9 +179,8 @@ def _solve_one(
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     angles = angles_of(mechanism, start, history)
     if surroundings is not None:
-        batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
-        laws = TendonLaw(*(values[None] for values in full_law(law, mechanism.n_tendons)))
-        return batch.solve_among(laws, table[None], angles[None].copy(), history, surroundings, base).row(0)
+        laws = full_law(law, mechanism.n_tendons)
+        return solve_one_among(mechanism, laws, table, angles, (start, history), surroundings, base)
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)
