@@ -22,6 +22,7 @@ from rollingjoint.kernels.rubbed_chain import (
     rubs_in_holes,
 )
 from rollingjoint.kernels.walled_chain import (
+    EVALUATIONS,
     PENALTY,
     PLACES,
     RUBS,
@@ -59,6 +60,7 @@ class WallArrays(NamedTuple):
     gaps: Annotated[Floats, "B", "C"]  # of candidates that press; else a lower bound [mm]
     forces: Annotated[Floats, "B", "n", 3]  # on every link: x, y, moment about its origin, base frame [N, N·mm]
     work: Annotated[Floats, "B"]  # dissipated at the walls in the step [N·mm]
+    evaluations: Annotated[Integers, "B"]  # of energy and residual
     jumped: Annotated[Integers, "B"]  # 1 where a joint moved much farther than the tangent at the start
 
 
@@ -187,6 +189,7 @@ def store_walls(touch, state, walls, lane):
         walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
         walls.after.states[lane, c] = touch.states[c]
     link_forces(touch, state, walls.forces[lane])
+    walls.evaluations[lane] = int(touch.how[EVALUATIONS])
     walls.work[lane] = 0.0
 
 
