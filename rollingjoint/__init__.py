@@ -16,6 +16,7 @@ Modules:
     estimate: hidden numbers of a mechanism in operation, from its motors' measurements.
     identify: parameters of a mechanism from measurements.
     interrupts: Ctrl-C in commands.
+    inverse: the lengths or tensions that bring a mechanism to a target.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
@@ -56,6 +57,7 @@ from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
+from rollingjoint.inverse import Reach, ReachStatus, all_solutions, reach, reach_batch
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.statics import sensitivity
@@ -104,6 +106,8 @@ __all__ = [
     "Polygon",
     "Problem",
     "Profile",
+    "Reach",
+    "ReachStatus",
     "RollingChain",
     "RollingContact",
     "RollingJointError",
@@ -121,12 +125,15 @@ __all__ = [
     "TorsionSpring",
     "WallFriction",
     "WorldForce",
+    "all_solutions",
     "five_link",
     "flexible_arm",
     "pitch_yaw",
     "pitch_yaw_two_segment",
     "prepare",
     "preset",
+    "reach",
+    "reach_batch",
     "sensitivity",
     "set_threads",
     "small_arm",

@@ -25,6 +25,7 @@ from rollingjoint._numba.cache import without_compiling
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import five_link, pitch_yaw, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
+from rollingjoint.inverse import reach
 from rollingjoint.statics.reactions import hinge_reactions
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
@@ -315,6 +316,28 @@ def spatial_friction() -> None:
     assert _step_with_friction(pitch_yaw(2)).size
 
 
+def planar_inverse() -> None:
+    """Reach targets with a planar chain."""
+    _reach(five_link())
+
+
+def arm_inverse() -> None:
+    """Reach targets with an arm."""
+    _reach(small_arm())
+
+
+def spatial_inverse() -> None:
+    """Reach targets with a chain in space."""
+    _reach(pitch_yaw(2))
+
+
+def _reach(mechanism: AnyChain) -> None:
+    """Reach a tip, cold and warm."""
+    tip = solve_tensions(mechanism, np.ones(mechanism.n_tendons)).tip
+    cold = reach(mechanism, tip, tension_limits=(0.5, 2.0))
+    assert reach(mechanism, tip, tension_limits=(0.5, 2.0), start=cold).lengths.size
+
+
 def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
     """Stiffness after the first step of a mechanism [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
@@ -337,5 +360,8 @@ GROUPS = (
     Group("the arm's solver", arm_batches, family="arm"),
     Group("the solver of chains in space with friction", spatial_friction, family="space"),
     Group("the solver of chains in space", spatial_solver, family="space"),
+    Group("the inverse of planar chains", planar_inverse, after="the planar solver of batches", family="planar"),
+    Group("the inverse of arms", arm_inverse, after="the arm's solver", family="arm"),
+    Group("the inverse of chains in space", spatial_inverse, after="the solver of chains in space", family="space"),
     Group("motors and sheaths", motors_and_sheaths),
 )

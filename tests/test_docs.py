@@ -116,7 +116,8 @@ def test_architecture_shows_the_layers_that_are_enforced():
 def test_convergence_table_has_every_status_and_counts_every_solve():
     first = CONVERGENCE[: CONVERGENCE.index("## ")]
     header, _, *rows = [line.strip("|").split("|") for line in first.splitlines() if line.startswith("|")]
-    assert [name.strip() for name in header[3:-1]] == [status.name.lower().replace("_", " ") for status in Status]
+    statuses = [status for status in Status if status not in (Status.NO_ROOM, Status.PASSED_THROUGH)]  # among walls
+    assert [name.strip() for name in header[3:-1]] == [status.name.lower().replace("_", " ") for status in statuses]
     counts = [[int(cell) for cell in row[3:-1]] for row in rows]
     assert f"{sum(map(sum, counts))} solves" in CONVERGENCE
 

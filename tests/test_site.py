@@ -30,7 +30,7 @@ import repository  # noqa: E402
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 NAV = re.findall(r"[\w./-]+\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)
 # A command, what `rollingjoint` has of it, and a room that may still change.
-NOT_FOR_USERS = {"rollingjoint.cli", "rollingjoint.load", "rollingjoint.estimate"}
+NOT_FOR_USERS = {"rollingjoint.cli", "rollingjoint.load", "rollingjoint.surroundings", "rollingjoint.estimate"}
 
 
 def without_docstring(name, value):

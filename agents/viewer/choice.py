@@ -8,7 +8,7 @@ from typing import Any
 MARK = "● "
 
 
-class Choice:
+class ButtonRow:
     """A row of buttons in the panel of a browser; the chosen one is marked.
 
     Args:

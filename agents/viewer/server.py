@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agents.viewer.camera import View, begin_with
-from agents.viewer.choice import Choice
+from agents.viewer.choice import ButtonRow
 from agents.viewer.guard import Guard
 from agents.viewer.rooms import Room
 from agents.viewer.serving import Uploads, started, stop
@@ -85,7 +85,7 @@ class Visit:
         self._lock = threading.Lock()
         self._gone = False
         self._uploads = Uploads(client, self._refused)
-        self._doors = Choice(client.gui, "Room", tuple(rooms), self.enter)
+        self._doors = ButtonRow(client.gui, "Room", tuple(rooms), self.enter)
         self._panel: Any = None
 
     def enter(self, name: str) -> None:

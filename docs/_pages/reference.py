@@ -17,6 +17,7 @@ MODULES = (
     "rollingjoint.identify",
     "rollingjoint.plotting",
     "rollingjoint.io.mechanism_file",
+    "rollingjoint.io.surroundings_file",
     "rollingjoint.cad",
     "rollingjoint.mujoco",
     "rj_gym",

@@ -7,6 +7,7 @@ Modules:
     identify: the command `rj identify`.
     loop_command: the command `rj loop`.
     mjcf: the option --mjcf of `rj export`.
+    reach_command: the command `rj reach`.
     warmup_command: the command `rj warmup`.
 """
 

@@ -18,7 +18,8 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.cli import loop_command, mjcf, warmup_command
+from rollingjoint.checks import suggestion
+from rollingjoint.cli import loop_command, mjcf, reach_command, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
@@ -64,6 +65,9 @@ def _run(argv: Sequence[str]) -> int:
         others = extensions()
         if argv and argv[0] in others:
             return run_extension(others[argv[0]], argv[1:])
+        if argv and not argv[0].startswith("-"):
+            known = sorted({*commands, *others})
+            raise InvalidInput("command", argv[0], ", ".join(known), suggestion(argv[0], known))
         parser.epilog = listed({name: entry for name, entry in others.items() if name not in commands})
     args = parser.parse_args(_with_negative_numbers(argv))
     code: int = args.run(args)
@@ -100,6 +104,14 @@ def _plot(args: argparse.Namespace) -> int:
         raise InvalidInput("--friction", friction, allowed, "Other pictures show nothing that depends on it.")
     _draw(solution or mechanism, args.out, friction)
     return OK if solution is None or solution.ok else _unusable(args, solution)
+
+
+def _reach(args: argparse.Namespace) -> int:
+    _check_picture(args.plot)
+    result = reach_command.run(args)
+    if args.plot:
+        _draw(result.equilibrium, args.plot, report.FRICTION)
+    return OK if result.ok else NOT_USABLE
 
 
 def _loop(args: argparse.Namespace) -> int:
@@ -206,6 +218,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
+    reach = commands.add_parser("reach", help="lengths or tensions that bring the tip to a target")
+    reach_command.add_options(reach)
+    reach.set_defaults(run=_reach)
     plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")

@@ -37,6 +37,8 @@ def run_identify(args: argparse.Namespace) -> None:
     if args.given or args.method:
         measurements = measurements.input_given(args.given or measurements.given, args.method)
     parameters = [name.strip() for name in args.parameters.split(",") if name.strip()]
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)  # before the fit, which may take minutes
     identification = identify(measurements, parameters, args.confidence, args.intervals)
     content = json.dumps(identification.as_dict(), indent=2)
     if folder is not None:
@@ -50,11 +52,10 @@ def run_identify(args: argparse.Namespace) -> None:
 
 
 def _folder(name: str | None) -> Path | None:
-    """The folder, created if missing."""
+    """The folder, which may be missing."""
     if name is None:
         return None
     path = Path(name)
     if path.exists() and not path.is_dir():
         raise InvalidInput("--output", name, "a folder, not a file")
-    path.mkdir(parents=True, exist_ok=True)
     return path

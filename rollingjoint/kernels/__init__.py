@@ -17,6 +17,7 @@ Modules:
     hinge_lanes: arms in lanes, without and with friction.
     hinge_solve: one equilibrium of a chain in space, one step with friction, and the place of results.
     hinges: arms: arrays, poses, gaps, tendon lengths.
+    inverse: tensions and equilibria that bring links where they should be.
     joints: rolling joints: rows of their tables, gaps between holes.
     lanes: Newton's method in eight SIMD lanes side by side, or in a single one.
     linear: small dense linear algebra on the free joints.

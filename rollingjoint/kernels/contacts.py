@@ -19,7 +19,7 @@ from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.chain import register
 from rollingjoint.kernels.formulas import formula
-from rollingjoint.kernels.hinges import N_COLUMNS, N_HELD, N_SUMS, PX, B, F, turned
+from rollingjoint.kernels.hinges import N_COLUMNS, N_HELD, N_SUMS, PX, B, F, HingeState, turned
 from rollingjoint.kernels.joints import (
     BUCKET_ENDS,
     COS,
@@ -241,6 +241,25 @@ def tangent(joint, i):
 def pivot(state, i):
     """The contact."""
     return in_space(state.contact, i, 0)
+
+
+@formula(formulas.axis, HingeState, ContactState)
+def axis(state, i):
+    """The axis of a joint in space."""
+    return in_space(state.axis, i, 0)
+
+
+@formula(formulas.origin, HingeState, ContactState)
+def origin(state, k):
+    """The origin of a link in space."""
+    return in_space(state.pose, k, PX)
+
+
+@formula(formulas.frame, HingeState, ContactState)
+def frame(state, k):
+    """The first columns of its pose."""
+    (a, b, c), (d, e, f), (g, h, i) = in_space(state.pose, k, 0), in_space(state.pose, k, 3), in_space(state.pose, k, 6)
+    return a, b, c, d, e, f, g, h, i
 
 
 @formula(formulas.torque, ContactState)

@@ -84,8 +84,23 @@ def evaluate_residual(chain: Any, state: Any) -> Any:
 
 
 def pivot(state: Any, i: Any) -> Any:
-    """Point about which joint i turns, in the base frame: its hinge or its contact; chains in space."""
+    """Point about which joint i turns, in the base frame: its hinge or its contact; in the plane z is 0."""
     raise TypeError("pivot is compiled into kernels")
+
+
+def axis(state: Any, i: Any) -> Any:
+    """Unit axis about which joint i turns, in the base frame; in the plane its normal, (0, 0, 1)."""
+    raise TypeError("axis is compiled into kernels")
+
+
+def origin(state: Any, k: Any) -> Any:
+    """Origin of link k in the base frame; in the plane z is 0."""
+    raise TypeError("origin is compiled into kernels")
+
+
+def frame(state: Any, k: Any) -> Any:
+    """Rotation matrix of link k, nine numbers row by row."""
+    raise TypeError("frame is compiled into kernels")
 
 
 def has_end_couples(chain: Any) -> Any:

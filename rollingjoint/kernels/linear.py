@@ -185,28 +185,42 @@ def lu_step(H, free, residual, out):
         for m in range(count):
             A[i, m] = H[index[i], index[m]]
         A[i, count] = -residual[index[i]]
-    floor = 1e-13 * largest(H, free)
-    for p in range(count):
+    if not eliminate(A, 1e-13 * largest(H, free)):
+        return False
+    for i in range(n):
+        out[i] = 0.0
+    for i in range(count):
+        out[index[i]] = A[i, count]
+    return True
+
+
+@part
+def eliminate(A, floor):
+    """Solve n equations in place by elimination with pivoting, (n, n + k): the last k columns become the solutions.
+
+    False where a pivot is not above the floor.
+    """
+    n, columns = A.shape
+    for p in range(n):
         best = p
-        for i in range(p + 1, count):
+        for i in range(p + 1, n):
             if abs(A[i, p]) > abs(A[best, p]):
                 best = i
         if not abs(A[best, p]) > floor:
             return False
         if best != p:
-            for m in range(p, count + 1):
+            for m in range(p, columns):
                 A[p, m], A[best, m] = A[best, m], A[p, m]
-        for i in range(p + 1, count):
+        for i in range(p + 1, n):
             factor = A[i, p] / A[p, p]
-            for m in range(p, count + 1):
+            for m in range(p, columns):
                 A[i, m] -= factor * A[p, m]
-    for i in range(n):
-        out[i] = 0.0
-    for i in range(count - 1, -1, -1):
-        value = A[i, count]
-        for m in range(i + 1, count):
-            value -= A[i, m] * out[index[m]]
-        out[index[i]] = value / A[i, i]
+    for i in range(n - 1, -1, -1):
+        for c in range(n, columns):
+            value = A[i, c]
+            for m in range(i + 1, n):
+                value -= A[i, m] * A[m, c]
+            A[i, c] = value / A[i, i]
     return True
 
 

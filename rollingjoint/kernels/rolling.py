@@ -256,6 +256,31 @@ def torque(state, i, j):
     return state.gap[i, j, 1]
 
 
+@formula(formulas.pivot, State)
+def pivot(state, i):
+    """The contact."""
+    return state.contact[i, 0], state.contact[i, 1], 0.0
+
+
+@formula(formulas.axis, State)
+def axis(state, i):
+    """The normal of the plane."""
+    return 0.0, 0.0, 1.0
+
+
+@formula(formulas.origin, State)
+def origin(state, k):
+    """A point of the plane."""
+    return state.pose[k, X], state.pose[k, Y], 0.0
+
+
+@formula(formulas.frame, State)
+def frame(state, k):
+    """A turn in the plane."""
+    cos, sin = state.pose[k, C], state.pose[k, S]
+    return cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0
+
+
 @formula(formulas.own_stiffness, Chain)
 def moving_contact(chain, state, i):
     """The contact of a joint moves as it turns, and with it the lever of the loads beyond it."""

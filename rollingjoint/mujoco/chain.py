@@ -7,7 +7,7 @@ free: they do not move an equilibrium.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,20 +30,23 @@ def couplings(chain: RollingChain) -> list[Circles | Slides]:
     return [coupling(below.child, above.parent) for below, above in itertools.pairwise(chain.links)]
 
 
-def chain_mjcf(chain: RollingChain) -> str:
-    """The chain as MuJoCo's XML, at rest at s = 0; tendons are pulled by motors, or by springs as in an arm."""
-    joints = couplings(chain)
+def chain_mjcf(chain: RollingChain, walls: str = "", outlines: Mapping[int, str] | None = None) -> str:
+    """The chain as MuJoCo's XML, at rest at s = 0; tendons are pulled by motors, or by springs as in an arm.
+
+    walls, outlines: geometry of the world, and of every link, which touch each other.
+    """
+    joints, outlines = couplings(chain), outlines or {}
     body, equalities = _shape(chain, 0) + _sites(chain, 0), ""
     for link, joint in enumerate(joints, start=1):
         x, y, angle = joint.rest.tolist()
         body += f'<body name="link{link}" pos="{numbers(np.array([1e-3 * x, 1e-3 * y, 0.0]))}" euler="0 0 {angle!r}">'
         described, constraint = _hinges(link, joint) if isinstance(joint, Circles) else _slides(link, joint)
-        body += described + _shape(chain, link) + _sites(chain, link)
+        body += described + _shape(chain, link) + _sites(chain, link) + outlines.get(link, "")
         equalities += constraint
     body += '<site name="tip"/>'
     paths = [[name for name, _, _ in _path(chain, j)] for j in range(chain.n_tendons)]
     tendons = tendon_text(paths, chain.stiffnesses.tolist())
-    return model_text(body + "</body>" * chain.n_joints, equalities, *tendons)
+    return model_text(walls + body + "</body>" * chain.n_joints, equalities, *tendons, contact=bool(walls))
 
 
 def tendon_text(paths: Sequence[Sequence[str]], stiffnesses: Sequence[float]) -> tuple[str, str]:
@@ -57,11 +60,12 @@ def tendon_text(paths: Sequence[Sequence[str]], stiffnesses: Sequence[float]) ->
     return tendons, motors
 
 
-def model_text(body: str, equalities: str, tendons: str, motors: str) -> str:
-    """A weightless model without contacts."""
+def model_text(body: str, equalities: str, tendons: str, motors: str, contact: bool = False) -> str:
+    """A weightless model, without contacts unless they are wanted."""
+    flag = "enable" if contact else "disable"
     return f"""<mujoco>
   <compiler angle="radian"/>
-  <option timestep="{TIME_STEP}" integrator="implicitfast" gravity="0 0 0"><flag contact="disable"/></option>
+  <option timestep="{TIME_STEP}" integrator="implicitfast" gravity="0 0 0"><flag contact="{flag}"/></option>
   <worldbody>{body}</worldbody>
   <equality>{equalities}</equality>
   <tendon>{tendons}</tendon>
@@ -109,7 +113,7 @@ def _shape(chain: RollingChain, link: int) -> str:
     ]
     radius = 2e-4 * chain.links[link].height
     between = " ".join(map(numbers, ends))
-    return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}"/>'
+    return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}" contype="0" conaffinity="0"/>'
 
 
 def _path(chain: RollingChain, j: int) -> list[tuple[str, int, Array]]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
@@ -19,6 +19,8 @@ from rollingjoint.mujoco.chain import chain_mjcf, couplings
 from rollingjoint.mujoco.coupling import Circles, Slides
 from rollingjoint.mujoco.space import couplings as couplings_in_space
 from rollingjoint.mujoco.space import space_mjcf
+from rollingjoint.mujoco.walls import walls_text
+from rollingjoint.surroundings import Surroundings
 
 Array = NDArray[np.float64]
 
@@ -42,7 +44,7 @@ class Accuracy:
         return f"{exact}; links at most {self.largest:.2g} mm from their poses, tip {self.tip:.2g} mm (rms)"
 
 
-def mjcf(mechanism: AnyChain) -> str:
+def mjcf(mechanism: AnyChain, surroundings: Surroundings | None = None, base: ArrayLike = (0.0, 0.0, 0.0)) -> str:
     """The mechanism as MuJoCo's XML, weightless: an arm exactly, a planar chain with the error that accuracy() states.
 
     A chain in space is exact where circles roll; other surfaces are fitted as in the plane.
@@ -50,15 +52,22 @@ def mjcf(mechanism: AnyChain) -> str:
     Actuators are motors that pull the tendons with given tensions [N]. For given lengths set the second column of
     tendon_lengthspring to them [m]. docs/interchange.md shows both.
 
+    Args:
+        mechanism: a chain of any kind.
+        surroundings: of a planar chain, rigid walls without friction and without lumens. base: pose of the base among
+            them, x, y [mm], angle [rad]; in the file the base is at the origin.
     Raises:
-        InvalidInput: springs, friction, or tendons of an arm that are not of the "exact" model, which the file would
-            leave out.
+        InvalidInput: springs, friction, walls, or tendons of an arm that are not of the "exact" model, which the file
+            would leave out.
     """
     springs, hint = getattr(mechanism, "springs", ()), "mechanism.replace makes one without."
     if springs:
         raise InvalidInput("springs", springs, "a mechanism without springs of its own", hint)
     if mechanism.has_friction:
         raise InvalidInput("friction", mechanism.friction, "a mechanism without friction", hint)
+    if surroundings is not None:
+        chain = planar(mechanism, "Surroundings are for planar chains.")
+        return chain_mjcf(chain, *walls_text(surroundings, base, chain))
     if isinstance(mechanism, RollingChain):
         return chain_mjcf(mechanism)
     if isinstance(mechanism, SpatialChain):

@@ -71,7 +71,7 @@ class Batch:
         base: ArrayLike = ORIGIN,
     ) -> Any:
         """The equilibria."""
-        tables, phi = self._tables(loads), self._starts(start_of(starts, history))
+        tables, phi = self.tables(loads), self.starts(start_of(starts, history))
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, phi
         if surroundings is not None:
             return self.solve_among(laws, tables, phi, history, surroundings, base)
@@ -122,7 +122,7 @@ class Batch:
             solutions |= {int(row): solved.row(place) for place, row in enumerate(rows)}
         return replace(stacked([solutions[row] for row in range(len(rub))]), mechanism=every)
 
-    def _tables(self, loads: Sequence[Load] | Array) -> Array:
+    def tables(self, loads: Sequence[Load] | Array) -> Array:
         """Load tables of all rows, (B, rows, columns)."""
         count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.kind.load_columns
         if not isinstance(loads, np.ndarray):
@@ -136,7 +136,8 @@ class Batch:
             raise InvalidInput("links of the load table", links, f"integers from 0 to {n_links - 1}")
         return tables
 
-    def _starts(self, angles: ArrayLike | None) -> Array:
+    def starts(self, angles: ArrayLike | None) -> Array:
+        """Joint angles to start from of all rows, (B, n - 1), default at rest."""
         if angles is None:
             return self.per_row("neutral_angles")
         if np.ndim(angles) == 1 and np.shape(angles) == (self.chains[0].n_joints,):

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import look, mechanism_view
-from agents.viewer.choice import Choice
+from agents.viewer.choice import ButtonRow
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
 from agents.viewer.html import code_block
 from agents.viewer.rooms.messages import Messages
@@ -63,7 +63,7 @@ class Explore:
         self.which = gui.add_dropdown("Mechanism", tuple(self.mechanisms))
         self.headline = gui.add_markdown("")
         self.messages = Messages(gui)
-        self.drive = Choice(gui, "Input", INPUTS, self._drive)
+        self.drive = ButtonRow(gui, "Input", INPUTS, self._drive)
         self.tendons = gui.add_folder("Tendons")
         self.load = gui.add_folder("Force")
         self.friction = gui.add_slider("Friction", 0.0, 0.3, 0.01, 0.0, hint="coefficient in all holes")

@@ -58,6 +58,7 @@ from tests.rollingjoint.command import rj
         ("plot five_link --force -1 1 0 --out a.png", ["--force", "--tensions or --lengths"]),
         ("plot five_link --tensions 1 1 --friction 0.2 --out a.png", ["--friction = 0.2", "rolling joints in space"]),
         ("plot pitch_yaw --friction 0.2 --out a.png", ["--friction = 0.2", "in equilibrium"]),
+        ("evaluat runs/a", ["'evaluat'", "adapt, campaign, check", "Did you mean 'evaluate'?"]),
         ("check missing.yaml", ["missing.yaml"]),
         ("loop five_link", ["--friction", "five_link has no friction", "--friction 0.1"]),
         ("loop five_link --friction 0.3", ["friction mu = 0.3", "0 to 0.25"]),

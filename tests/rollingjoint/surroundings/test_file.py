@@ -109,6 +109,14 @@ def test_rj_solves_among_the_walls_of_a_file(capsys):
     assert "no link touches a wall" in capsys.readouterr().out
 
 
+def test_rj_draws_the_walls_of_a_file(tmp_path):
+    picture = tmp_path / "walls.png"
+    assert rj(f"plot two_segment --tensions 3 1 1 2 --surroundings {SHIPPED} --base 0 20 0 --out {picture}") == 0
+    bare = tmp_path / "bare.png"
+    assert rj(f"plot two_segment --tensions 3 1 1 2 --out {bare}") == 0
+    assert picture.read_bytes() != bare.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -1,0 +1,100 @@
+"""`rj reach`: the tendon lengths, or tensions, that bring a mechanism's tip to a target."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+import numpy as np
+
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of, tension_limits_of
+from rollingjoint.errors import InvalidInput
+from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
+from rollingjoint.inverse.reach import INPUTS
+from rollingjoint.io import report
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.tables import number_table
+
+_MOST_STARTS = 256
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds mechanism, target, limits and loads."""
+    parser.add_argument("mechanism", metavar="MECHANISM", help="preset name or YAML file")
+    text = "where the tip should be [mm]; in the plane a third number is its angle [rad]"
+    parser.add_argument("--tip", nargs="+", type=float, required=True, metavar="X", help=text)
+    add_tension_limits(parser)
+    parser.add_argument(
+        "--prefer", choices=PREFERENCES, default=PREFERENCES[0], help="of many solutions (default tension)"
+    )
+    parser.add_argument("--inputs", choices=INPUTS, default=INPUTS[0], help="what holds the pose (default lengths)")
+    parser.add_argument("--starts", type=int, default=12, metavar="N", help="that are tried, at most 256 (default 12)")
+    add_loads(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
+    parser.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
+
+
+def run(args: argparse.Namespace) -> Reach:
+    """Print the result; returns it."""
+    mechanism = load_mechanism(args.mechanism)
+    if not 1 <= args.starts <= _MOST_STARTS:
+        raise InvalidInput("--starts", args.starts, f"a number from 1 to {_MOST_STARTS}")
+    result = reach(
+        mechanism,
+        _target(args.tip, mechanism),
+        loads_of(args, mechanism),
+        inputs=args.inputs,
+        prefer=args.prefer,
+        starts=args.starts,
+        **tension_limits_of(args),
+    )
+    print(json.dumps(_as_dict(result), indent=2, allow_nan=False) if args.json else _as_text(result))
+    return result
+
+
+def _target(values: list[float], mechanism: AnyChain) -> list[float]:
+    """The target: coordinates, or in the plane a pose."""
+    d = mechanism.dimension
+    return counted("--tip", values, 3 if d == 2 and len(values) == 3 else d)
+
+
+def _as_text(result: Reach) -> str:
+    """Lengths and tensions, the tip, and how the search ended."""
+    rows = zip(range(len(result.lengths)), result.lengths, result.tensions, strict=True)
+    point = ", ".join(f"{x:.4f}" for x in result.tip)
+    lines = [
+        number_table(("tendon", "command [mm]", "tension [N]"), rows, (4, 4)),
+        "",
+        f"tip at ({point}) mm, {_off(result)}",
+        *([f"limits that bind: {result.binding}"] if result.binding else []),
+        *([] if result.from_rest else ["a solve has to start near this pose: from rest it ends at another one"]),
+        _status_line(result),
+    ]
+    return "\n".join(lines)
+
+
+def _off(result: Reach) -> str:
+    distance = float(result.distance)
+    return f"{distance:.2g} mm from the target" if np.isfinite(distance) else "not compared with the target"
+
+
+def _status_line(result: Reach) -> str:
+    status = ReachStatus(int(result.status))
+    return f"{status.name}: {status.message} ({result.iterations} steps)"
+
+
+def _as_dict(result: Reach) -> dict[str, Any]:
+    status, distance = ReachStatus(int(result.status)), float(result.distance)
+    return {
+        "status": status.name,
+        "message": status.message,
+        "commands_mm": result.lengths.tolist(),
+        "tensions_N": result.tensions.tolist(),
+        "tip_mm": result.tip.tolist(),
+        "distance_mm": distance if np.isfinite(distance) else None,
+        "binding": result.binding,
+        "from_rest": bool(result.from_rest),
+        "equilibrium": report.as_dict(result.equilibrium),
+    }

@@ -1,0 +1,135 @@
+"""Results of the inverse: an equilibrium, how near it is to the target, and the limits that bind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.chain.status import codes_of
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+_AT_LIMIT = 1e-9  # of a limit, or N: so near a tension is at it
+
+
+class ReachStatus(IntEnum):
+    """How a search ended."""
+
+    REACHED = 0
+    OUT_OF_REACH = 1
+    NOT_CONVERGED = 2
+    NO_EQUILIBRIUM = 3
+    INVALID_INPUT = 4
+
+    @property
+    def message(self) -> str:
+        """Meaning and remedy, one line."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    ReachStatus.REACHED: "reached",
+    ReachStatus.OUT_OF_REACH: "out of reach: the nearest equilibrium found; widen limits that bind, or try more starts",
+    ReachStatus.NOT_CONVERGED: "not converged: the best equilibrium found; try more starts",
+    ReachStatus.NO_EQUILIBRIUM: "no stable equilibrium found: are the loads too large for the tension limits?",
+    ReachStatus.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, limits out of order",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reach:
+    """An equilibrium near a target, or many with a leading axis B.
+
+    Attributes:
+        equilibrium: of these lengths or tensions, as solve_lengths or solve_tensions return it.
+        lengths: unstretched tendon lengths that hold it, (m,) [mm].
+        distance: from the target [mm]: of the tip, or the root of the mean square over the links, a turn of 1 rad
+            counted as `lever` mm.
+        status: ReachStatus, or (B,) integers.
+        tension_limits: lowest and highest, numbers or (m,) [N].
+        from_rest: whether a solver that starts at rest ends here; where not, start it at equilibrium.joint_angles.
+        iterations: Gauss-Newton steps of all starts.
+    """
+
+    equilibrium: Any
+    lengths: Array
+    distance: float | Array
+    status: ReachStatus | NDArray[np.int64]
+    tension_limits: tuple[ArrayLike, ArrayLike]
+    from_rest: bool | Mask
+    iterations: int | NDArray[np.int64]
+
+    @property
+    def tensions(self) -> Array:
+        """(m,) [N]."""
+        return np.asarray(self.equilibrium.tensions)
+
+    @property
+    def at_lowest(self) -> Mask:
+        """(m,) True for tendons at their lowest tension."""
+        low = np.asarray(self.tension_limits[0])
+        return np.asarray(self.tensions <= low + _AT_LIMIT * np.maximum(low, 1.0))
+
+    @property
+    def at_highest(self) -> Mask:
+        """(m,) True for tendons at their highest tension."""
+        high = np.asarray(self.tension_limits[1])
+        return np.asarray(self.tensions >= high - _AT_LIMIT * np.where(np.isfinite(high), np.maximum(high, 1.0), 0.0))
+
+    @property
+    def tip(self) -> Array:
+        """Origin of the last link at the equilibrium, (2,) or (3,) [mm]."""
+        return np.asarray(self.equilibrium.tip)
+
+    @property
+    def joint_angles(self) -> Array:
+        """(n - 1,) [rad]."""
+        return np.asarray(self.equilibrium.joint_angles)
+
+    @property
+    def joints_at_limit(self) -> Mask:
+        """(n - 1,) True for joints at the end of their range."""
+        return ~np.asarray(self.equilibrium.free_joints)
+
+    @property
+    def ok(self) -> bool | Mask:
+        """True where the target is reached."""
+        reached = codes_of(self.status) == int(ReachStatus.REACHED)
+        return bool(reached) if reached.ndim == 0 else reached
+
+    @property
+    def binding(self) -> str:
+        """The limits that bind, in words, of a single reach; empty if there are none."""
+        parts = [
+            f"{what} {', '.join(map(str, np.flatnonzero(mask)))} at {where}"
+            for what, mask, where in (
+                ("tendon", self.at_lowest, "the lowest tension"),
+                ("tendon", self.at_highest, "the highest tension"),
+                ("joint", self.joints_at_limit, "its limit"),
+            )
+            if np.any(mask)
+        ]
+        return "; ".join(parts)
+
+    def row(self, index: int) -> Reach:
+        """One of many."""
+        distance, status, rest, count = (
+            np.asarray(values)[index].item() for values in (self.distance, self.status, self.from_rest, self.iterations)
+        )
+        equilibrium, limits = self.equilibrium.row(index), self.tension_limits
+        return Reach(equilibrium, self.lengths[index], distance, ReachStatus(status), limits, rest, count)
+
+    def __repr__(self) -> str:
+        codes = codes_of(self.status)
+        if codes.ndim:
+            values, counts = np.unique(codes, return_counts=True)
+            counted = ", ".join(f"{n} {ReachStatus(code).name}" for code, n in zip(values, counts, strict=True))
+            return f"<Reach, {codes.size} rows: {counted or 'none'}>"
+        point = ", ".join(f"{x:.3f}" for x in self.tip)
+        return f"<Reach: {ReachStatus(int(codes)).name}, tip at ({point}) mm, {float(self.distance):.3g} mm off>"

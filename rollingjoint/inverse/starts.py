@@ -1,0 +1,47 @@
+"""Equilibria to start from: samples over the tensions within the limits, kept while their mechanism lives."""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.statics.solve import solve_tensions_batch
+
+Array = NDArray[np.float64]
+
+SAMPLES = 256
+_MOST_KEPT = 8  # sets of samples per mechanism
+_USUAL = 20.0  # N: highest tension of samples where there is no limit, or ten times the lowest one
+_SMALLEST = 1e-3  # of the highest tension: lowest one of samples
+
+_kept: WeakKeyDictionary[AnyChain, dict[tuple[bytes, ...], Any]] = WeakKeyDictionary()
+
+
+def samples_of(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
+    """Stable equilibria under a load table, at most SAMPLES; low, high: of the tensions, (m,) [N]."""
+    kept = _kept.setdefault(chain, {})
+    key = table.tobytes(), low.tobytes(), high.tobytes()
+    if key not in kept:
+        while len(kept) >= _MOST_KEPT:
+            kept.pop(next(iter(kept)), None)
+        kept[key] = _sampled(chain, table, low, high)
+    return kept[key]
+
+
+def _sampled(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
+    """Half of the tensions are drawn uniformly, half by their logarithms."""
+    highest = np.where(np.isfinite(high), high, np.maximum(_USUAL, 10.0 * low))
+    uniform, logarithmic = np.random.default_rng(0).random((2, SAMPLES // 2, chain.n_tendons))
+    lowest = np.maximum(low, _SMALLEST * highest)
+    ratios = np.divide(highest, lowest, out=np.ones_like(highest), where=lowest > 0.0)
+    tensions = np.concatenate([low + (highest - low) * uniform, lowest * ratios**logarithmic])
+    tables = np.repeat(table[None], len(tensions), axis=0)
+    equilibria = solve_tensions_batch(chain, tensions, tables)
+    usable = np.flatnonzero(equilibria.ok)
+    if len(usable) in (0, len(tensions)):
+        return equilibria
+    return solve_tensions_batch(chain, tensions[usable], tables[usable])
