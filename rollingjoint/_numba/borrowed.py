@@ -4,6 +4,8 @@ Counting references costs more than the arithmetic of a short kernel. The entry 
 outlive the call; everything below works on borrowed arrays of floats, of integers or of SIMD lanes (simd.py). Indexing
 with fewer numbers than axes gives an array of the remaining axes. There are no slices, and no checks of indices but in
 the mode of bounds.py.
+
+A NamedTuple of many arrays goes from function to function word by word; `pointed`, it goes as one pointer.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_getattr, models, register_model
+from numba.extending import intrinsic, lower_builtin, lower_getattr, lower_getattr_generic, models, register_model
 
 from rollingjoint._numba import bounds
 
@@ -182,3 +184,53 @@ def _shape(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 @lower_getattr(BorrowedType, "size")
 def _size(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return builder.extract_value(value, 1)
+
+
+class PointedType(types.Type):
+    """A NamedTuple where it lies: a pointer in place of all its words."""
+
+    def __init__(self, of: Any) -> None:
+        self.of, self.instance_class = of, of.instance_class
+        super().__init__(name=f"Pointed({of})")
+
+    def field(self, name: str) -> tuple[int, Any] | None:
+        """Index and type of a field: of a NamedTuple in it the pointer."""
+        if name not in self.of.fields:
+            return None
+        index = self.of.fields.index(name)
+        kind = self.of.types[index]
+        return index, PointedType(kind) if hasattr(kind, "instance_class") and isinstance(kind, types.BaseTuple) else kind
+
+
+@register_model(PointedType)
+class _PointedModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, manager[kind.of].get_value_type().as_pointer())
+
+
+@intrinsic
+def pointed(typing_context, value):  # type: ignore[no-untyped-def]
+    """The pointer to a NamedTuple of borrowed arrays, which is copied to the caller's stack: no longer than it runs."""
+
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        place = cgutils.alloca_once(builder, args[0].type)
+        builder.store(args[0], place)
+        return place
+
+    return PointedType(value)(value), lower
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):  # type: ignore[misc]
+    key = PointedType
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        found = kind.field(name)
+        return None if found is None else found[1]
+
+
+@lower_getattr_generic(PointedType)
+def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    index, found = kind.field(name)
+    place = builder.gep(value, [ir.Constant(ir.IntType(32), 0), ir.Constant(ir.IntType(32), index)])
+    return place if isinstance(found, PointedType) else builder.load(place)

@@ -229,6 +229,5 @@ def new_wall_arrays(
     every = np.zeros((9, count, candidates))
     before = before or Touched(*every[:4])
     forces, work = np.zeros((count, n_joints + 1, 3)), np.zeros(count)
-    return WallArrays(
-        walls, which, bases, before, Touched(*every[4:8]), every[8], forces, work, np.zeros(count, np.int64)
-    )
+    counts = np.zeros((2, count), np.int64)
+    return WallArrays(walls, which, bases, before, Touched(*every[4:8]), every[8], forces, work, *counts)

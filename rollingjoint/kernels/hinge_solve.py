@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.borrowed import borrow, pointed
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import UNSTABLE, TendonLaw
@@ -38,7 +38,7 @@ from rollingjoint.kernels.hinges import (
 )
 from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
-from rollingjoint.kernels.rubbed_chain import rubbed, settle_rubbed
+from rollingjoint.kernels.rubbed_chain import jacobian_in, jacobian_size, rubbed, settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
 from rollingjoint.kernels.spatial_loads import generator_columns, has_potential, load_moment
 
@@ -228,13 +228,20 @@ def solve_step(chain, friction, before, law, loads, start, state, memory):
         count += iterations
         if status != UNSTABLE or not conservative or escapes == MOST_ESCAPES:
             break
-        dense = rubbed(chain, before, memory, 0, columns, True)
-        if not _escape(dense, law, loads, state, free, step, angles):
+        space = np.empty(jacobian_size(n, 0, columns, columns))
+        if not _escape_rubbed(chain, before, memory, space, columns, law, loads, state, free, step, angles):
             break
         for i in range(n):
             angles[i] = state.angle[i]
         escapes += 1
     return status, count, worst, escapes
+
+
+@part
+def _escape_rubbed(chain, before, memory, space, columns, law, loads, state, free, step, angles):
+    """_escape of the chain with friction; space: memory of its Jacobian."""
+    jacobian = pointed(jacobian_in(borrow(space), state.angle.size, 0, columns, columns))
+    return _escape(rubbed(chain, before, memory, jacobian, True), law, loads, state, free, step, angles)
 
 
 @formula(formulas.store, Hinges)

@@ -8,11 +8,12 @@ Source: docs/theory.md, section 3.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.linear import descent_step
 
 DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
@@ -21,11 +22,18 @@ DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigen
 class Sweep(NamedTuple):
     """Generators of H and its factors over J joints."""
 
-    diagonal: np.ndarray  # (J,)
-    U: np.ndarray  # (J, q)
-    V: np.ndarray  # (J, q)
-    W: np.ndarray  # (J, q): L_im = U_i . W_m
-    pivots: np.ndarray  # (J,)
+    diagonal: Annotated[Floats, "J"]
+    U: Annotated[Floats, "J", "q"]
+    V: Annotated[Floats, "J", "q"]
+    W: Annotated[Floats, "J", "q"]  # L_im = U_i . W_m
+    pivots: Annotated[Floats, "J"]
+
+
+class SweepSizes(NamedTuple):
+    """Lengths of the axes of a Sweep."""
+
+    J: int
+    q: int
 
 
 @part

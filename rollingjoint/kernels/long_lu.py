@@ -7,39 +7,33 @@ L_im = U_i . W_m and R_im = Y_i . Q_m. Source: docs/theory.md, section 9.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.long_chain import first_shift
 
 
 class LongLu(NamedTuple):
     """Generators of A and its factors over J joints; the diagonal is in the Sweep."""
 
-    U: np.ndarray  # (J, p)
-    V: np.ndarray  # (J, p)
-    P: np.ndarray  # (J, q)
-    Q: np.ndarray  # (J, q)
-    W: np.ndarray  # (J, p)
-    Y: np.ndarray  # (J, q)
-    pivots: np.ndarray  # (J,)
+    U: Annotated[Floats, "J", "p"]
+    V: Annotated[Floats, "J", "p"]
+    P: Annotated[Floats, "J", "q"]
+    Q: Annotated[Floats, "J", "q"]
+    W: Annotated[Floats, "J", "p"]
+    Y: Annotated[Floats, "J", "q"]
+    pivots: Annotated[Floats, "J"]
 
 
-@part
-def new_long_lu(n_joints, p, q):
-    """An empty LongLu with p columns below the diagonal and q above it."""
-    lower, upper = (n_joints, p), (n_joints, q)
-    return LongLu(
-        np.zeros(lower),
-        np.zeros(lower),
-        np.zeros(upper),
-        np.zeros(upper),
-        np.zeros(lower),
-        np.zeros(upper),
-        np.zeros(n_joints),
-    )
+class LongLuSizes(NamedTuple):
+    """Lengths of the axes of a LongLu: p columns below the diagonal and q above it."""
+
+    J: int
+    p: int
+    q: int
 
 
 @part

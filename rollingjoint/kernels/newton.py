@@ -235,7 +235,7 @@ def minimise(chain, law, loads, conservative, most_escapes, max_iterations, prox
         state,
         H,
         sweep,
-        np.empty_like(H),
+        np.empty(H.shape),
         np.empty((4, n)),
         np.empty(n, np.bool_),
     )

@@ -12,9 +12,10 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.borrowed import borrow, pointed
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
+from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.bounds import begin, moved
@@ -42,8 +43,8 @@ from rollingjoint.kernels.friction import (
     work_per_grip,
 )
 from rollingjoint.kernels.linear import descent_step, downhill_step
-from rollingjoint.kernels.long_chain import Sweep, new_sweep
-from rollingjoint.kernels.long_lu import LongLu, lu_long_step, new_long_lu
+from rollingjoint.kernels.long_chain import Sweep, SweepSizes, new_sweep
+from rollingjoint.kernels.long_lu import LongLu, LongLuSizes, lu_long_step
 from rollingjoint.kernels.newton import MAX_ITERATIONS, classify, minimise
 from rollingjoint.kernels.settle import long_joints, settle
 
@@ -92,16 +93,61 @@ class StepFrictionSizes(NamedTuple):
     m: int
 
 
+class Jacobian(NamedTuple):
+    """Memory of the Jacobian of a step: dense of a chain of D joints, or generators of a long chain; the other empty."""
+
+    A: Annotated[Floats, "D", "D"]
+    H: Annotated[Floats, "D", "D"]
+    base: Sweep  # generators of the chain
+    lu: LongLu
+    sweep: Sweep  # of the symmetric part
+
+
+class _DenseSizes(NamedTuple):
+    """Lengths of the axes of the dense part of a Jacobian."""
+
+    D: int
+
+
+class _Dense(NamedTuple):
+    A: Annotated[Floats, "D", "D"]
+    H: Annotated[Floats, "D", "D"]
+
+
 @part
-def rubbed(chain, before, memory, n_long, columns, symmetric):
-    """The chain with friction; n_long: joints of a long chain, else 0; columns: number of the chain's generators."""
-    law, lower, n_short = memory.law, columns, chain.joints.shape[0] - n_long
+def lower_columns(law, columns):
+    """Number of generators below the diagonal; columns: of the chain without friction."""
     for j in range(law.tendons.shape[0]):
         if law.tendons[j, COMPLIANCE] != 0.0 or law.tendons[j, CONSTANT] != 0.0:
-            lower = columns + 2 * law.tendons.shape[0]
-    A, base, lu = np.empty((n_short, n_short)), new_sweep(n_long, columns), new_long_lu(n_long, lower, columns)
-    in_holes = rubs_in_holes(chain, law)
-    return Rubbed(chain, chain.joints, law, before, memory.now, memory.rolling, A, base, lu, in_holes, symmetric)
+            return columns + 2 * law.tendons.shape[0]
+    return columns
+
+
+@part
+def jacobian_size(n_dense, n_long, lower, columns):
+    """Count of numbers in a Jacobian."""
+    dense, lu = size_of(_Dense, _DenseSizes(n_dense)), size_of(LongLu, LongLuSizes(n_long, lower, columns))
+    sweeps = size_of(Sweep, SweepSizes(n_long, columns)) + size_of(Sweep, SweepSizes(n_long, lower + columns))
+    return dense + lu + sweeps
+
+
+@part
+def jacobian_in(memory, n_dense, n_long, lower, columns):
+    """A Jacobian in borrowed memory of `jacobian_size`."""
+    dense_sizes, lu_sizes = _DenseSizes(n_dense), LongLuSizes(n_long, lower, columns)
+    base_sizes, sweep_sizes = SweepSizes(n_long, columns), SweepSizes(n_long, lower + columns)
+    dense, at = carve_tuple(memory, 0, _Dense, dense_sizes), size_of(_Dense, dense_sizes)
+    base, at = carve_tuple(memory, at, Sweep, base_sizes), at + size_of(Sweep, base_sizes)
+    lu, at = carve_tuple(memory, at, LongLu, lu_sizes), at + size_of(LongLu, lu_sizes)
+    return Jacobian(dense.A, dense.H, base, lu, carve_tuple(memory, at, Sweep, sweep_sizes))
+
+
+@part(inline=True)
+def rubbed(chain, before, memory, jacobian, symmetric):
+    """The chain with friction; jacobian: pointed."""
+    law, now, rolling, in_holes = memory.law, memory.now, memory.rolling, rubs_in_holes(chain, memory.law)
+    A, base, lu = jacobian.A, jacobian.base, jacobian.lu
+    return Rubbed(chain, chain.joints, law, before, now, rolling, A, base, lu, in_holes, symmetric)
 
 
 @part
@@ -321,21 +367,35 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
     Where it fails, Newton's method goes by the magnitude of the residual, then the step is solved with a softer
     presliding first, then by the slow descent: only the way to the equilibrium differs.
     """
-    n = long_joints(start.size, conservative)
+    n_joints, n = start.size, long_joints(start.size, conservative)
     _soften(friction, 1.0, memory.law)
+    lower = lower_columns(memory.law, columns)
+    own = np.empty(jacobian_size(n_joints - n, n, lower, columns))
+    dense = own if n == 0 else np.empty(jacobian_size(n_joints, 0, lower, columns))
+    sizes = n, lower, columns
+    how = conservative, most_escapes, law, loads, start, state, memory
+    return _settle_rubbed(chain, friction, before, own, dense, sizes, *how)
+
+
+@part
+def _settle_rubbed(
+    chain, friction, before, own, dense, sizes, conservative, most_escapes, law, loads, start, state, memory
+):
+    """settle_rubbed in the memory of the Jacobians of Newton's method, and of its fallbacks, which are dense."""
+    n, lower, columns = sizes
+    own = pointed(jacobian_in(borrow(own), start.size - n, n, lower, columns))
+    dense = pointed(jacobian_in(borrow(dense), start.size, 0, lower, columns))
     formulas.soften(chain, 1.0)
-    friction_chain = rubbed(chain, before, memory, n, columns, conservative)
-    sweep = new_sweep(n, friction_chain.lu.U.shape[1] + columns)
-    H = np.empty((start.size - n, start.size - n))
+    friction_chain = rubbed(chain, before, memory, own, conservative)
     how = friction_chain, conservative, most_escapes, _patience(friction), False
-    status, count, worst = settle(*how, law, loads, start, state, H, sweep)
+    status, count, worst = settle(*how, law, loads, start, state, own.H, own.sweep)
     if status == NOT_CONVERGED and conservative:
-        outcome = _by_residual(chain, before, memory, columns, law, loads, start, state)
+        outcome = _by_residual(chain, before, memory, dense, law, loads, start, state)
         count += outcome[1]
         if outcome[0] < UNSTABLE:
             return outcome[0], count, outcome[2]
         if formulas.is_among_walls(chain):
-            outcome = _relaxed(chain, before, memory, columns, law, loads, start, state)
+            outcome = _relaxed(chain, before, memory, dense, law, loads, start, state)
             count += outcome[1]
             if outcome[0] < UNSTABLE:
                 return outcome[0], count, outcome[2]
@@ -345,13 +405,11 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
             _soften(friction, softness, memory.law)
             formulas.soften(chain, softness)
             how = friction_chain, law, loads, conservative, most_escapes, MAX_ITERATIONS
-            status, iterations, worst = minimise(*how, 0.0, start, state, H, sweep)
+            status, iterations, worst = minimise(*how, 0.0, start, state, own.H, own.sweep)
             count += iterations
     if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
-        dense = rubbed(chain, before, memory, 0, columns, True)
-        H, sweep = np.empty((start.size, start.size)), new_sweep(0, 0)
-        how = dense, conservative, most_escapes, MAX_ITERATIONS, True
-        status, iterations, worst = settle(*how, law, loads, start, state, H, sweep)
+        how = rubbed(chain, before, memory, dense, True), conservative, most_escapes, MAX_ITERATIONS, True
+        status, iterations, worst = settle(*how, law, loads, start, state, dense.H, dense.sweep)
         count += iterations
     return status, count, worst
 
@@ -366,28 +424,26 @@ def _patience(friction):
 
 
 @part
-def _by_residual(chain, before, memory, columns, law, loads, start, state):
+def _by_residual(chain, before, memory, jacobian, law, loads, start, state):
     """The step from its start by Newton's method with a line search on |r|; returns as `minimise`.
 
     The incremental potential changes with the grips after every search, and constant friction forces that use up a
     tension make it jump; the residual does not. It also leads to unstable equilibria.
     """
-    n = start.size
-    dense = rubbed(chain, before, memory, 0, columns, False)
+    dense = rubbed(chain, before, memory, jacobian, False)
     begin(dense, start, state.angle)
     how = dense, law, loads, False, 0, MAX_ITERATIONS
-    return minimise(*how, 0.0, start, state, np.empty((n, n)), new_sweep(0, 0))
+    return minimise(*how, 0.0, start, state, jacobian.H, jacobian.sweep)
 
 
 @part
-def _relaxed(chain, before, memory, columns, law, loads, start, state):
+def _relaxed(chain, before, memory, jacobian, law, loads, start, state):
     """The step by the overdamped motion from its start, then by Newton's method on |r|; returns as `minimise`."""
-    n = start.size
-    dense, H = rubbed(chain, before, memory, 0, columns, False), np.empty((n, n))
+    dense = rubbed(chain, before, memory, jacobian, False)
     begin(dense, start, state.angle)
-    count = relax(dense, law, loads, state, H, new_sweep(0, 0))
+    count = relax(dense, law, loads, state, jacobian.H, jacobian.sweep)
     how = dense, law, loads, False, 0, MAX_ITERATIONS
-    status, iterations, worst = minimise(*how, 0.0, start, state, H, new_sweep(0, 0))
+    status, iterations, worst = minimise(*how, 0.0, start, state, jacobian.H, jacobian.sweep)
     return status, count + iterations, worst
 
 
@@ -459,7 +515,15 @@ def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques)
     The state is the one that left this history, or another one, which a step from this history did not bring to rest.
     """
     _soften(friction, 1.0, memory.law)
-    friction_chain = rubbed(chain, history, memory, 0, 0, False)
+    space = np.empty(jacobian_size(state.angle.size, 0, 0, 0))
+    _fill_stiffness(chain, friction, loads, state, memory, history, space, A, torques)
+
+
+@part
+def _fill_stiffness(chain, friction, loads, state, memory, history, space, A, torques):
+    """rubbed_stiffness with its scratch space."""
+    jacobian = pointed(jacobian_in(borrow(space), state.angle.size, 0, 0, 0))
+    friction_chain = rubbed(chain, history, memory, jacobian, False)
     if not friction_chain.in_holes:
         formulas.stiffness(chain, loads, state, A)
         for i in range(state.angle.size):

@@ -44,8 +44,8 @@ N_SUMS = _S + 9
 _START, _START_TANGENT, _END, _END_TANGENT = range(0, 8, 2)
 _CURVATURE, _LENGTH, _ARC, _RADIUS, _SLOPE, _MEAN, _TURNED, _TURNED_MEAN, N_PIECE = range(8, 17)
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
-# presliding; whether places are wanted; steps of Newton's method so far
-RUBS, STIFFER, SOFTER, PLACES, STEPS, N_HOW = range(6)
+# presliding; whether places are wanted; steps of Newton's method and evaluations so far
+RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, N_HOW = range(7)
 
 
 class Touched(NamedTuple):
@@ -69,6 +69,7 @@ class Touch(NamedTuple):
     frozen: Annotated[Floats, "C"]  # normal force where the line search began
     multipliers: Annotated[Floats, "C"]  # normal force of rigid walls so far
     pieces: Annotated[Floats, "C"]  # of a lumen, near the point; -1: not yet known
+    clear: Annotated[Floats, "C", 3]  # a point, and the square of the way from there that brings it nowhere near a wall
     places: Annotated[Floats, "C", 4]  # contact point on the wall, and the normal there to the link: if wanted
     sums: Annotated[Floats, "J", N_SUMS]
     tangent: Annotated[Floats, "J"]  # the first step of Newton's method [rad]
@@ -85,6 +86,7 @@ class Seen(NamedTuple):
     capsules: Annotated[Floats, "capsules", 6 + N_LAW]  # first end, unit along it, length, radius; law
     pieces: Annotated[Floats, "pieces", N_PIECE]
     lumens: Annotated[Floats, "lumens", 2 + N_LAW]  # first piece, and the one after the last; law
+    steepness: Annotated[Floats, "lumens"]  # the most by which a gap changes with the way of its point
     angle: Annotated[Floats, 1]  # of the base in the world
     rigid: Annotated[Floats, 1]
 
@@ -176,6 +178,7 @@ def see(walls, which, base, seen):
             seen.capsules[w, 1 + column] = walls.capsules[which, w, column]
     for w in range(seen.lumens.shape[0]):
         seen.lumens[w, 0] = seen.lumens[w, 1] = 0.0
+        seen.steepness[w] = 1.0
         for column in range(N_LAW):
             seen.lumens[w, 2 + column] = walls.lumens[which, w, column]
     for i in range(seen.pieces.shape[0]):
@@ -196,19 +199,24 @@ def _see_piece(pieces, i, base, cos, sin, seen):
         before = seen.pieces[i - 1]
         turn = before[_CURVATURE] * before[_LENGTH]
         turned, turned_mean = before[_TURNED] + turn, before[_TURNED_MEAN] + turn * before[_MEAN]
+        if pieces[i, 6] != pieces[i - 1, 7]:
+            seen.steepness[lumen] = np.inf
     seen.lumens[lumen, 1] = i + 1
     x, y = _unturned(pieces[i, 0] - base[0], pieces[i, 1] - base[1], cos, sin)
     angle = pieces[i, 2] - base[2]
     tx, ty = np.cos(angle), np.sin(angle)
     half = 0.5 * curvature * length
-    chord = length * (np.sin(half) / half if half != 0.0 else 1.0)
+    c, s = np.cos(half), np.sin(half)
+    chord, mx, my = length * (s / half if half != 0.0 else 1.0), tx * c - ty * s, ty * c + tx * s
     piece[_START], piece[_START + 1], piece[_START_TANGENT], piece[_START_TANGENT + 1] = x, y, tx, ty
-    piece[_END], piece[_END + 1] = x + chord * np.cos(angle + half), y + chord * np.sin(angle + half)
-    piece[_END_TANGENT], piece[_END_TANGENT + 1] = np.cos(angle + 2.0 * half), np.sin(angle + 2.0 * half)
+    piece[_END], piece[_END + 1] = x + chord * mx, y + chord * my
+    piece[_END_TANGENT], piece[_END_TANGENT + 1] = mx * c - my * s, my * c + mx * s
     piece[_CURVATURE], piece[_LENGTH], piece[_ARC] = curvature, length, pieces[i, 5]
     piece[_RADIUS], piece[_SLOPE] = pieces[i, 6], (pieces[i, 7] - pieces[i, 6]) / length
     piece[_MEAN] = 0.5 * (pieces[i, 6] + pieces[i, 7])
     piece[_TURNED], piece[_TURNED_MEAN] = turned, turned_mean
+    narrowing = abs(piece[_SLOPE]) / max(1.0 - abs(curvature) * max(pieces[i, 6], pieces[i, 7]), 0.0)
+    seen.steepness[lumen] = max(seen.steepness[lumen], 1.0 + (narrowing if piece[_SLOPE] != 0.0 else 0.0))
 
 
 @part
@@ -217,9 +225,9 @@ def begin_touch(touch):
     for c in range(touch.gaps.size):
         touch.normals[c] = touch.frozen[c] = touch.multipliers[c] = 0.0
         touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
-        touch.gaps[c], touch.pieces[c] = np.inf, -1.0
+        touch.gaps[c], touch.pieces[c], touch.clear[c, 2] = np.inf, -1.0, 0.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
-    touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = 0.0
+    touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = touch.how[EVALUATIONS] = 0.0
     for i in range(touch.tangent.size):
         touch.tangent[i] = 0.0
 
@@ -267,8 +275,11 @@ def _piece_near(seen, first, last, i, x, y):
 
 
 @part
-def _lumen_fields(seen, w, i, x, y, radius):
-    """(gap, way, side): the fields of a point in a lumen, at a piece of it, and the wall that it is nearer to."""
+def _lumen_fields(seen, w, i, x, y, radius, rubs):
+    """(gap, way, side): the fields of a point in a lumen, at a piece of it, and the wall that it is nearer to.
+
+    rubs: whether the way is wanted.
+    """
     piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
     beyond = _beyond_end(piece, x, y)
     after = i == last - 1 and beyond > 0.0
@@ -280,7 +291,7 @@ def _lumen_fields(seen, w, i, x, y, radius):
         wall_radius = piece[_RADIUS] + piece[_SLOPE] * piece[_LENGTH] if after else piece[_RADIUS]
         curvature = slope = 0.0
     offset, q, cos, sin = in_the_bend(u, v, curvature)
-    arc = arc_length_at(u, cos, sin, curvature)
+    arc = arc_length_at(u, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
     tx, ty = tx * cos - ty * sin, ty * cos + tx * sin
     side = 1.0 if offset > 0.0 else -1.0
     turn = piece[_TURNED] + (piece[_CURVATURE] * piece[_LENGTH] if after else 0.0)
@@ -392,6 +403,13 @@ def _is_far(touch, c, room):
     return True
 
 
+@part(inline=True)
+def _is_clear(touch, c, x, y):
+    """True for a point still so near to where it was far from the wall that half of its gap there is a lower bound."""
+    dx, dy = x - touch.clear[c, 0], y - touch.clear[c, 1]
+    return dx * dx + dy * dy < touch.clear[c, 2]
+
+
 @part
 def touch_walls(chain, state, all_gaps):
     """Fill the contact of every candidate, and the sums of each link; returns (energy, magnitude of its terms).
@@ -431,15 +449,20 @@ def _touch_points(chain, state, all_gaps):
             c += 1
         for w in range(lumens):
             lumen = seen.lumens[w]
-            if lumen[2 + STIFFNESS] > 0.0 and link > 0:
+            if lumen[2 + STIFFNESS] > 0.0 and link > 0 and (all_gaps or not _is_clear(touch, c, x, y)):
                 first, last = int(lumen[0]), int(lumen[1])
                 i = int(touch.pieces[c])
                 if i < 0:
                     i = int(touch.pieces[c - candidates]) if q > 0 else _nearest_piece(seen, first, last, x, y)
                 i = _piece_near(seen, first, last, max(i, first), x, y)
                 touch.pieces[c] = i
-                if all_gaps or not _is_far(touch, c, _lumen_room(seen, w, i, x, y) - radius):
-                    gap, way, side = _lumen_fields(seen, w, i, x, y, radius)
+                room = _lumen_room(seen, w, i, x, y) - radius
+                if not all_gaps and _is_far(touch, c, room):
+                    touch.clear[c, 0], touch.clear[c, 1] = x, y
+                    touch.gaps[c], touch.clear[c, 2] = 0.5 * room, (0.5 * room / seen.steepness[w]) ** 2
+                else:
+                    touch.clear[c, 2] = 0.0
+                    gap, way, side = _lumen_fields(seen, w, i, x, y, radius, all_gaps or touch.how[RUBS] > 0.0)
                     gap = gap[0] - radius, gap[1], gap[2], gap[3], gap[4], gap[5]
                     way = way[0] + rolled, way[1], way[2], way[3], way[4], way[5]
                     term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
@@ -453,7 +476,7 @@ def _touch_bars(chain, state, all_gaps, c):
     """`touch_walls` of the bars, the first of which has candidate number c."""
     seen, pose = chain.walls, state.pose
     energy, magnitude = 0.0, 0.0
-    for q in range(seen.bars.shape[0]):
+    for q in range(seen.bars.shape[0] if seen.discs.shape[0] + seen.capsules.shape[0] > 0 else 0):
         bar = seen.bars[q]
         link, radius = int(bar[0]), bar[5]
         at = pose[link, X], pose[link, Y], pose[link, C], pose[link, S]
@@ -526,6 +549,7 @@ def evaluate_loads(chain, loads, state):
     energy, magnitude = formulas.evaluate_loads(chain.chain, loads, state)
     more, size = touch_walls(chain, state, False)
     wall_sums, sums = chain.touch.sums, state.sums
+    chain.touch.how[EVALUATIONS] += 1.0
     n = sums.shape[0]
     for i in range(n - 1, -1, -1):
         if i < n - 1:

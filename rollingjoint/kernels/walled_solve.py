@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.borrowed import borrow, pointed
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint._numba.pins import carve_tuple, size_of
@@ -22,6 +22,7 @@ from rollingjoint.kernels.rubbed_chain import (
     rubs_in_holes,
 )
 from rollingjoint.kernels.walled_chain import (
+    EVALUATIONS,
     PENALTY,
     PLACES,
     RUBS,
@@ -60,6 +61,7 @@ class WallArrays(NamedTuple):
     gaps: Annotated[Floats, "B", "C"]  # of candidates that press; else a lower bound [mm]
     forces: Annotated[Floats, "B", "n", 3]  # on every link: x, y, moment about its origin, base frame [N, N·mm]
     work: Annotated[Floats, "B"]  # dissipated at the walls in the step [N·mm]
+    evaluations: Annotated[Integers, "B"]  # of energy and residual
     jumped: Annotated[Integers, "B"]  # 1 where a joint moved much farther than the tangent at the start
 
 
@@ -79,18 +81,18 @@ def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, space, sizes):
-    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), borrow(state), borrow(walls)
+    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), pointed(borrow(state)), borrow(walls)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    place = carve_tuple(borrow(space), 0, ContactMemory, sizes)
+    place = pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
     for number in range(lanes.size):
         lane = lanes[number]
-        mechanism = formulas.design(chain, designs[lane])
+        mechanism = pointed(formulas.design(chain, designs[lane]))
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
         solvable = solvable and all_resolvable(walls.bases[lane])
         begin_place(walls, lane, solvable, place)
         if solvable:
-            among = walled(mechanism, place, touched_of(walls.before, lane))
+            among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
             outcome = solve_between(among, law, loads[lane], starts[lane], state)
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
@@ -188,6 +190,7 @@ def store_walls(touch, state, walls, lane):
         walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
         walls.after.states[lane, c] = touch.states[c]
     link_forces(touch, state, walls.forces[lane])
+    walls.evaluations[lane] = int(touch.how[EVALUATIONS])
     walls.work[lane] = 0.0
 
 
@@ -206,16 +209,17 @@ def step_among_walls(chain, designs, laws, loads, starts, results, friction, wal
 def _step_each(
     chain, designs, laws, loads, starts, results, friction, walls, lanes, state, contacts, sizes, space, rubbing
 ):
-    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), borrow(state), borrow(walls)
+    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), pointed(borrow(state)), borrow(walls)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    place, friction = carve_tuple(borrow(contacts), 0, ContactMemory, sizes), borrow(friction)
-    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
+    place, friction = pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes)), borrow(friction)
+    memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
     for number in range(lanes.size):
         lane = lanes[number]
-        mechanism = formulas.design(chain, designs[lane])
+        mechanism = pointed(formulas.design(chain, designs[lane]))
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        coefficients, before = friction_of(friction.law, lane), history_of(friction.before, lane)
-        touched = touched_of(walls.before, lane)
+        coefficients = pointed(friction_of(friction.law, lane))
+        before = pointed(history_of(friction.before, lane))
+        touched = pointed(touched_of(walls.before, lane))
         solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
         solvable = solvable and all_resolvable(walls.bases[lane]) and valid_friction(coefficients, before)
         solvable = solvable and all_resolvable(touched.slips)
@@ -281,17 +285,17 @@ def touch_again(chain, designs, angles, walls, places):
 
 @part
 def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
-    chain, state, walls, angles = borrow(chain), borrow(state), borrow(walls), borrow(angles)
+    chain, state, walls, angles = borrow(chain), pointed(borrow(state)), borrow(walls), borrow(angles)
     designs, places = borrow(designs), borrow(places)
-    place = carve_tuple(borrow(space), 0, ContactMemory, sizes)
+    place = pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
     touch = place.touch
     for lane in range(angles.shape[0]):
-        mechanism = formulas.design(chain, designs[lane])
+        mechanism = pointed(formulas.design(chain, designs[lane]))
         for i in range(state.angle.size):
             state.angle[i] = angles[lane, i]
         begin_place(walls, lane, True, place)
         formulas.evaluate_geometry(mechanism, state)
-        among = walled(mechanism, place, touched_of(walls.before, lane))
+        among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
         touch.how[PLACES] = 1.0
         touch_walls(among, state, True)
         for c in range(touch.gaps.size):
@@ -340,16 +344,17 @@ def _stiffness_each(
     space,
     rubbing,
 ):
-    chain, law, history, state, walls = borrow(chain), borrow(law), borrow(history), borrow(state), borrow(walls)
+    chain, law, history, walls = borrow(chain), borrow(law), borrow(history), borrow(walls)
+    state = pointed(borrow(state))
     designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
     angles, A, torques, S, F = borrow(angles), borrow(A), borrow(torques), borrow(S), borrow(F)
-    place = carve_tuple(borrow(contacts), 0, ContactMemory, sizes)
-    memory = carve_tuple(borrow(space), 0, StepFriction, rubbing)
+    place = pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes))
+    memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
     for lane in range(angles.shape[0]):
-        mechanism, past = formulas.design(chain, designs[lane]), history_of(history, lane)
+        mechanism, past = pointed(formulas.design(chain, designs[lane])), pointed(history_of(history, lane))
         begin_place(walls, lane, True, place)
         place.touch.how[RUBS] = rubs
-        among = walled(mechanism, place, touched_of(walls.before, lane))
+        among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
         if place.seen.rigid[0] > 0.0:
             place.touch.how[STIFFER] = _FIRM
             evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)

@@ -26,7 +26,7 @@ from rollingjoint.chain.random_chain import random_chain, random_loads
 from rollingjoint.kernels import long_chain, long_lu, planar_loads, rolling, rubbed_chain
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.rubbed_chain import RollingResistance, StepFriction
+from rollingjoint.kernels.rubbed_chain import Jacobian, RollingResistance, StepFriction
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.statics import sensitivity
 
@@ -35,7 +35,7 @@ STEP = 1e-6
 new_state, one_design = standalone(rolling.new_state), standalone(rolling.design)
 generator_columns = standalone(planar_loads.generator_columns)
 new_sweep, factor = standalone(long_chain.new_sweep), standalone(long_chain.factor)
-rubbed = standalone(rubbed_chain.rubbed)
+rubbed, lower_columns = standalone(rubbed_chain.rubbed), standalone(rubbed_chain.lower_columns)
 evaluate, renew = standalone(rubbed_chain.evaluate), standalone(rubbed_chain.renew)
 stiffness, fill_generators = standalone(rubbed_chain.stiffness), standalone(rubbed_chain.fill_generators)
 factor_lu, substitute_lu = standalone(long_lu.factor_lu), standalone(long_lu.substitute_lu)
@@ -66,7 +66,12 @@ class Moment:
 
     def with_friction(self, n_long):
         columns = self.m + generator_columns(np.zeros((0, len(LOAD_COLUMNS))), self.loads)
-        return rubbed(self.one, self.before, self.memory, n_long, columns, False)
+        lower, dense = lower_columns(self.memory.law, columns), np.empty((self.n - n_long, self.n - n_long))
+        p, q = (n_long, lower), (n_long, columns)
+        lu = long_lu.LongLu(*map(np.zeros, (p, p, q, q, p, q, n_long)))
+        sweeps = new_sweep(n_long, columns), new_sweep(n_long, lower + columns)
+        jacobian = Jacobian(dense, dense.copy(), sweeps[0], lu, sweeps[1])
+        return rubbed(self.one, self.before, self.memory, jacobian, False)
 
     def at(self, angles, afresh=True):
         """Potential, with what line searches hold constant as it was or (afresh) as it is here, and residual."""

@@ -12,7 +12,7 @@ descent_step, downhill_step = standalone(linear.descent_step), standalone(linear
 lu_step, damped_step = standalone(linear.lu_step), standalone(linear.damped_step)
 new_sweep, factor, substitute = map(standalone, (long_chain.new_sweep, long_chain.factor, long_chain.substitute))
 first_shift = standalone(long_chain.first_shift)
-new_long_lu, factor_lu, substitute_lu = map(standalone, (long_lu.new_long_lu, long_lu.factor_lu, long_lu.substitute_lu))
+factor_lu, substitute_lu = map(standalone, (long_lu.factor_lu, long_lu.substitute_lu))
 escape_direction = standalone(newton.escape_direction)
 
 N = 6
@@ -182,7 +182,8 @@ def test_an_indefinite_long_chain_is_shifted_no_more_than_four_times_too_much(rn
 
 
 def test_the_unsymmetric_sweep_is_elimination_without_exchange(rng, free):
-    lu = new_long_lu(N, 2, 3)
+    lower, upper = (N, 2), (N, 3)
+    lu = long_lu.LongLu(*map(np.zeros, (lower, lower, upper, upper, lower, upper, N)))
     for generators in (lu.U, lu.V, lu.P, lu.Q):
         generators[:] = rng.normal(size=generators.shape)
     A = np.tril(lu.U @ lu.V.T, -1) + np.triu(lu.P @ lu.Q.T, 1)
