@@ -65,6 +65,7 @@ class WallStep:
         work: dissipated at the walls in the step [N·mm].
         jumped: whether a joint moved much farther than the tangent at the start promises: a snap-through.
         memory: of contacts, for the next step; None where the step was without friction.
+        parts: in which the step was taken: more than one where the whole would have passed through an obstacle.
     """
 
     walls: Walls
@@ -77,6 +78,7 @@ class WallStep:
     work: float | Array
     jumped: bool | NDArray[np.bool_]
     memory: Touched | None = None
+    parts: int | NDArray[np.int64] = 1
 
     @classmethod
     def of(cls, arrays: WallArrays, remembers: bool) -> Self:
@@ -86,15 +88,16 @@ class WallStep:
         after = arrays.after
         memory = after if remembers else None
         outputs = arrays.gaps, after.normals, after.states, arrays.forces, arrays.work, arrays.jumped.astype(bool)
-        return cls(arrays.walls, arrays.which, arrays.bases, *outputs, memory)
+        parts = np.ones(len(arrays.which), np.int64)
+        return cls(arrays.walls, arrays.which, arrays.bases, *outputs, memory, parts)
 
     def row(self, index: int) -> WallStep:
         """The results of one row of a batch."""
         memory = None if self.memory is None else Touched(*(values[index] for values in self.memory))
         names = "base", "gaps", "normals", "states", "forces"
         values = {name: getattr(self, name)[index] for name in names}
-        which, work, jumped = (getattr(self, name)[index].item() for name in ("which", "work", "jumped"))
-        return replace(self, which=which, work=work, jumped=jumped, memory=memory, **values)
+        values |= {name: getattr(self, name)[index].item() for name in ("which", "work", "jumped", "parts")}
+        return replace(self, memory=memory, **values)
 
     def check(self, rows: tuple[int, ...], n_links: int) -> None:
         """Raise InvalidInput unless its arrays have the shapes of a mechanism, with these leading axes."""
@@ -106,7 +109,7 @@ class WallStep:
     def stacked(cls, steps: Sequence[WallStep]) -> WallStep:
         """Results for one pair of walls and outline as one with a leading axis."""
         first = steps[0]
-        names = "which", "base", "gaps", "normals", "states", "forces", "work", "jumped"
+        names = "which", "base", "gaps", "normals", "states", "forces", "work", "jumped", "parts"
         values: dict[str, Any] = {name: np.array([getattr(step, name) for step in steps]) for name in names}
         memory = None
         if all(step.memory is not None for step in steps):

@@ -250,21 +250,23 @@ def remember_walls(chain, status, state, walls, lane):
     """Fill the memory of contacts after a step; returns the work of friction at the walls in it [N·mm].
 
     Where the pose is indeterminate friction states stay as they were; without an equilibrium the whole memory stays.
+    Normal forces are those that `store_walls` has stored: multipliers of rigid walls have changed since.
     """
     touch, before, after, work = chain.touch, chain.before, touched_of(walls.after, lane), 0.0
     if status <= INDETERMINATE:
         touch_walls(chain, state, True)
     for c in range(touch.gaps.size):
-        presses = touch.normals[c] > 0.0
+        normal = after.normals[c]
+        presses = normal > 0.0
         if status > INDETERMINATE:
             after.states[c], after.slips[c] = before.states[c], before.slips[c]
             after.sides[c], after.normals[c] = before.sides[c], before.normals[c]
             continue
-        after.slips[c], after.normals[c] = touch.slips[c], touch.normals[c]
+        after.slips[c] = touch.slips[c]
         after.sides[c] = touch.sides[c] if presses else 0.0
         after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
         if status < INDETERMINATE:
-            work += 0.5 * (touch.normals[c] + before.normals[c]) * touch.works[c]
+            work += 0.5 * (normal + before.normals[c]) * touch.works[c]
     return work
 
 

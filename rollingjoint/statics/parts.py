@@ -94,13 +94,13 @@ def _joined(steps: list[Any], whole: Any) -> Any:
     walls = replace(
         last.walls, work=sum(step.walls.work for step in steps), jumped=any(step.walls.jumped for step in steps)
     )
-    walls = replace(walls, walls=whole.walls.walls, which=whole.walls.which)
+    walls = replace(walls, walls=whole.walls.walls, which=whole.walls.which, parts=len(steps))
     return _changed(last, friction=friction, walls=walls, iterations=sum(step.iterations for step in steps))
 
 
 def _refused(before: Any, whole: Any, table: Array) -> Any:
     """The equilibrium before a step that is refused, in the form of the step's result."""
-    friction, at = None, replace(before.walls, work=0.0, jumped=False)
+    friction, at = None, replace(before.walls, work=0.0, jumped=False, parts=1)
     if whole.friction is not None:
         slip = np.zeros_like(whole.friction.slip)
         friction = FrictionStep(before.gap_tensions, slip, 0.0, before.friction_state)

@@ -32,7 +32,8 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "solves": Part(0.2, "solves recomputed", 1_000_000),
+    "solves": Part(0.1, "solves recomputed", 1_000_000),
+    "walls": Part(0.1, "solves in contact", 100_000),
     "environments": Part(0.2, "environment steps", 1_000_000),
     "inputs": Part(0.2, "inputs", 10_000),
     "kills": Part(0.2, "kills", 100),

@@ -133,9 +133,13 @@ class PlanarGeometry:
         """(tensions of every gap, friction states, slips); without a history the motor's in every gap."""
         return gap_tensions(self, cuts, motor, before)
 
-    def imbalance(self, cuts, table, tensions, before=None):
-        """(torque that is not balanced, sum of its terms, contact force along the normal), (B, J) each."""
+    def imbalance(self, cuts, table, tensions, before=None, outside=(0.0, 0.0)):
+        """(torque that is not balanced, sum of its terms, contact force along the normal), (B, J) each.
+
+        outside: further force and moment about the origin on every link.
+        """
         force, moment = self.wrenches(table, cuts.poses)
+        force, moment = force + outside[0], moment + outside[1]
         beyond, about = (np.cumsum(part[:, :0:-1], axis=1)[:, ::-1] for part in (force, moment))
         tendon = tensions[..., None] * cuts.pulls
         levers = cross(cuts.above - cuts.contacts[:, :, None], tendon)

@@ -45,6 +45,7 @@ class Case:
     starts: Any
     limits: tuple[float, float]
     before: Any = None  # the equilibria of the step before
+    outside: Any = None  # forces and moments of walls on every link, (B, n, 2) and (B, n)
 
     def solve(self, rows=slice(None)):
         """The equilibria of some rows."""
@@ -94,7 +95,8 @@ class _Recomputed:
             self._compare(found, "friction states", states, pick.friction_states, 1e-5)
             self._compare(found, "slips", slips, pick.friction_state.slips, 1e-6)
             tensions = pick.gap_tensions
-        torque, size, normal = self.geometry.imbalance(cuts, case.tables[rows], tensions, before)
+        outside = [[part[rows] for part in case.outside]] if case.outside is not None else []
+        torque, size, normal = self.geometry.imbalance(cuts, case.tables[rows], tensions, before, *outside)
         self._balance(found, pick, torque, size, clear)
         if isinstance(self.geometry, SpaceGeometry):
             share = self.geometry.unbalanced(cuts, case.tables[rows], tensions, pick.reactions) / BALANCE

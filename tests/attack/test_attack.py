@@ -12,7 +12,7 @@ import pytest
 from rollingjoint import CapstanFriction, Status, five_link, pitch_yaw, small_arm
 from rollingjoint.chain.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
-from tests.attack import environments, found, inputs, ledger, minima, signals, solves
+from tests.attack import environments, found, inputs, ledger, minima, signals, solves, walls
 from tests.pages import rows
 
 ROWS = 64
@@ -262,3 +262,36 @@ def test_hard_draws_bring_every_kind_of_chain(report):
         names.add(case.mechanism.name)
         assert case.inputs.shape == (solves.HARD_ROWS, case.mechanism.n_tendons)
     assert names == set(HARD_KINDS)
+
+
+def in_contact():
+    """The first case among walls that some rows touch, and its equilibria."""
+    for seed in range(20):
+        case = next(walls.cases(np.random.default_rng(seed)))
+        result = case.solve()
+        if (result.walls.normals > 0.0).any():
+            return case, result
+    raise AssertionError("no walls are touched")
+
+
+@pytest.mark.parametrize(("field", "change"), [("poses", 1e-3), ("tensions", 1e-3), ("joint_angles", 1e-4)])
+def test_numbers_that_are_wrong_are_noticed_among_walls(field, change):
+    case, result = in_contact()
+    assert not case.faults(result, np.zeros(walls.ROWS, bool))[0]
+    wrong = replace(result, **{field: getattr(result, field) + change})
+    assert case.faults(wrong, np.zeros(walls.ROWS, bool))[0]
+
+
+def test_wall_forces_and_friction_that_are_wrong_are_noticed():
+    case, result = in_contact()
+    more = replace(result.walls, forces=result.walls.forces * 1.001)
+    assert "wall forces" in case.faults(replace(result, walls=more), np.zeros(walls.ROWS, bool))[0]
+    slipping = replace(result.walls, states=result.walls.states + 1.01)
+    assert "friction cones" in case.faults(replace(result, walls=slipping), np.zeros(walls.ROWS, bool))[0]
+
+
+def test_a_round_among_walls_finds_nothing(report):
+    for number in range(3):
+        report.run(walls.attack, number)
+    assert not report.failures
+    assert report.counts["solves in contact"] > 100
