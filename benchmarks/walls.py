@@ -16,12 +16,13 @@ import argparse
 import itertools
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import rollingjoint as rj
+from rollingjoint._numba.layout import Integers
 from rollingjoint.chain.batch import _on_batch, range_among_walls, step_range_among_walls
 from rollingjoint.chain.friction_step import no_friction
 from rollingjoint.chain.wall_step import new_wall_arrays, touch
@@ -30,8 +31,6 @@ from rollingjoint.kernels.batch import solve_lanes
 from rollingjoint.kernels.friction import new_friction_arrays
 from rollingjoint.kernels.walled_chain import Touched
 from rollingjoint.statics.among import stacked_walls
-from rollingjoint._numba.layout import Integers
-from typing import Annotated
 
 Array = NDArray[np.float64]
 
@@ -159,19 +158,20 @@ def print_cost(repeats: int) -> None:
 def print_single(repeats: int) -> None:
     """The cost of a public solve with three walls."""
     chain, rng = chain_of("discs"), np.random.default_rng(SEED)
-    three = rj.Surroundings([rj.HalfPlane((1, 0), -20), rj.HalfPlane((-1, 0), -20), rj.Disc((0, 100), 6)], rj.Sleeve(4.5))
+    three = rj.Surroundings(
+        [rj.HalfPlane((1, 0), -20), rj.HalfPlane((-1, 0), -20), rj.Disc((0, 100), 6)], rj.Sleeve(4.5)
+    )
     rest = chain.neutral_lengths - 2.0 / chain.stiffnesses
     commands = rest + np.clip(np.cumsum(rng.uniform(-0.5, 0.5, (1000, chain.n_tendons)), axis=0), -4.0, 4.0)
     best = {}
     for _, around in itertools.product(range(repeats), (None, three)):
-        pose, begin, touching = None, time.perf_counter(), 0
+        pose, begin = None, time.perf_counter()
         for command in commands:
-            pose = rj.solve_lengths(
-                chain, command, start=pose, tension_limits=(0.5, 15.0), surroundings=around
-            )
+            pose = rj.solve_lengths(chain, command, start=pose, tension_limits=(0.5, 15.0), surroundings=around)
         seconds = (time.perf_counter() - begin) / len(commands)
         best[around is None] = min(best.get(around is None, np.inf), seconds)
-    print(f"public solve: {1e6 * best[True]:.1f} µs, with three walls {1e6 * best[False]:.1f} µs, {best[False] / best[True]:.2f} times")
+    free, among = 1e6 * best[True], 1e6 * best[False]
+    print(f"public solve: {free:.1f} µs, with three walls {among:.1f} µs, {among / free:.2f} times")
 
 
 def print_failures(least: int) -> None:

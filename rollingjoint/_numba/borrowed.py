@@ -199,7 +199,9 @@ class PointedType(types.Type):
             return None
         index = self.of.fields.index(name)
         kind = self.of.types[index]
-        return index, PointedType(kind) if hasattr(kind, "instance_class") and isinstance(kind, types.BaseTuple) else kind
+        return index, PointedType(kind) if hasattr(kind, "instance_class") and isinstance(
+            kind, types.BaseTuple
+        ) else kind
 
 
 @register_model(PointedType)

@@ -94,7 +94,7 @@ class StepFrictionSizes(NamedTuple):
 
 
 class Jacobian(NamedTuple):
-    """Memory of the Jacobian of a step: dense of a chain of D joints, or generators of a long chain; the other empty."""
+    """Memory of the Jacobian of a step, dense or of the generators of a long chain; the other part is empty."""
 
     A: Annotated[Floats, "D", "D"]
     H: Annotated[Floats, "D", "D"]

@@ -81,7 +81,13 @@ def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, space, sizes):
-    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), pointed(borrow(state)), borrow(walls)
+    chain, laws, results, state, walls = (
+        borrow(chain),
+        borrow(laws),
+        borrow(results),
+        pointed(borrow(state)),
+        borrow(walls),
+    )
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
     place = pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
     for number in range(lanes.size):
@@ -209,7 +215,13 @@ def step_among_walls(chain, designs, laws, loads, starts, results, friction, wal
 def _step_each(
     chain, designs, laws, loads, starts, results, friction, walls, lanes, state, contacts, sizes, space, rubbing
 ):
-    chain, laws, results, state, walls = borrow(chain), borrow(laws), borrow(results), pointed(borrow(state)), borrow(walls)
+    chain, laws, results, state, walls = (
+        borrow(chain),
+        borrow(laws),
+        borrow(results),
+        pointed(borrow(state)),
+        borrow(walls),
+    )
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
     place, friction = pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes)), borrow(friction)
     memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
