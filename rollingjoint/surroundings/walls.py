@@ -96,7 +96,7 @@ class Boundary(Wall):
 
     Args:
         stiffness_per_length: in place of the stiffness of every contact a stiffness per length of outline, 1e-6 to 1e6
-            N/mm² (Winkler's foundation), which depends little on the number of points from 20 a link on. None: `stiffness`.
+            N/mm² (Winkler's foundation): from 20 points a link on, their number matters little. None: `stiffness`.
         stiffness, toe, friction: of `Wall`.
     Raises:
         InvalidInput: a number that is not in its range.
