@@ -33,6 +33,7 @@ from rollingjoint.kernels.torsion_springs import torsion_columns
 from rollingjoint.kernels.walls import MU, N_LAW, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
 
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
+_BLEND = 0.05  # mm on either side of the joint of two pieces of a lumen
 LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
 
 # Columns of Touch.sums, over the walls of all links beyond a joint: gradient of the energy by the velocity of the link
@@ -300,7 +301,33 @@ def _lumen_fields(seen, w, i, x, y, radius, rubs):
     scale = 1.0 - curvature * side * (piece[_MEAN] - radius)
     way = start - side * (turn_mean - radius * turn) + scale * arc
     gap = lumen_gap(side, wall_radius + slope * arc, slope, curvature, offset, q, tx, ty)
-    return gap, lumen_way(side, way, scale, curvature, q, tx, ty), side
+    field = lumen_way(side, way, scale, curvature, q, tx, ty)
+    if not rubs:
+        return gap, field, side
+    other, along = _joint_near(i, first, last, u if after else arc, piece[_LENGTH], after)
+    if abs(along) >= _BLEND:
+        return gap, field, side
+    turn = seen.pieces[max(other, 0), _CURVATURE] if other >= 0 else 0.0
+    mean = seen.pieces[max(other, 0), _MEAN]
+    more = (1.0 - turn * side * (mean - radius)) / (1.0 - turn * offset) - scale / q
+    share, rate = 0.5 * (1.0 - abs(along) / _BLEND), -0.5 / (_BLEND * q) * (1.0 if along >= 0.0 else -1.0)
+    per, k = -side * more * share, -side * more * rate
+    _, fx, fy, xx, xy, yy = field
+    return gap, (field[0], fx + per * tx, fy + per * ty, xx + k * tx * tx, xy + k * tx * ty, yy + k * ty * ty), side
+
+
+@part(inline=True)
+def _joint_near(i, first, last, arc, length, after):
+    """(piece on the other side of the nearer end of piece i, or -1 for a straight end, arc length from there).
+
+    The rate of the way along a wall that gives way jumps with the curvature of its pieces, and friction with it: near
+    the joint of two pieces it goes from one to the other, or a pose at the joint could have no balance.
+    """
+    if after or (i == first and arc < 0.0):
+        return i, arc
+    if arc > 0.5 * length:
+        return (i + 1 if i < last - 1 else -1), arc - length
+    return (i - 1 if i > first else -1), arc
 
 
 @part(inline=True)
