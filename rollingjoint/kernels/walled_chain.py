@@ -33,7 +33,7 @@ from rollingjoint.kernels.torsion_springs import torsion_columns
 from rollingjoint.kernels.walls import MU, N_LAW, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
 
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
-_BLEND = 0.05  # mm on either side of the joint of two pieces of a lumen
+_BLEND = 0.005  # mm on either side of the joint of two pieces of a lumen
 LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
 
 # Columns of Touch.sums, over the walls of all links beyond a joint: gradient of the energy by the velocity of the link
