@@ -15,6 +15,7 @@ MODULES = (
     "rollingjoint.differentiable",
     "rollingjoint.design",
     "rollingjoint.identify",
+    "rollingjoint.inverse",
     "rollingjoint.plotting",
     "rollingjoint.io.mechanism_file",
     "rollingjoint.io.surroundings_file",

@@ -138,7 +138,7 @@ def test_chains_that_cannot_be_are_refused():
 
 
 def _planar_functions():
-    from rollingjoint.cad import bodies, export
+    from rollingjoint.cad import bodies
     from rollingjoint.design import DesignSpace, LateralStiffness, measure
     from rollingjoint.differentiable import DifferentiableChain
     from rollingjoint.plotting import plot_family, plot_mechanism
@@ -146,7 +146,6 @@ def _planar_functions():
     return {
         "plot_mechanism": plot_mechanism,
         "plot_family": lambda arm: plot_family([arm], ["arm"]),
-        "export": lambda arm: export(arm, "never written"),
         "bodies": bodies,
         "DifferentiableChain": DifferentiableChain.from_mechanism,
         "measure": lambda arm: measure(arm, [LateralStiffness()]),
