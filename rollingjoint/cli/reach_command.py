@@ -12,7 +12,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of, tension_limits_of
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
-from rollingjoint.inverse.reach import INPUTS
+from rollingjoint.inverse.search import INPUTS
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.tables import number_table

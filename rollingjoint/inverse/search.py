@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 PREFERENCES = ("tension", "margins", "stiffness")
+"""Values of `prefer`."""
 INPUTS = ("lengths", "tensions")
 STARTS = 12  # that a search tries before it gives up
 TOLERANCE = 1e-6  # mm: a nearer target is reached
