@@ -29,7 +29,7 @@ from rollingjoint.chain.wall_step import new_wall_arrays, touch
 from rollingjoint.kernels.arrays import INDETERMINATE, TendonLaw
 from rollingjoint.kernels.batch import solve_lanes
 from rollingjoint.kernels.friction import new_friction_arrays
-from rollingjoint.kernels.walled_chain import Touched
+from rollingjoint.kernels.wall_contacts import Touched
 from rollingjoint.statics.among import stacked_walls
 
 Array = NDArray[np.float64]

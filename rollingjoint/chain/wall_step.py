@@ -14,7 +14,7 @@ from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.chain.friction_step import check_shape
 from rollingjoint.kernels.friction import FrictionLaw, History
 from rollingjoint.kernels.passing import mark_passed
-from rollingjoint.kernels.walled_chain import Touched
+from rollingjoint.kernels.wall_contacts import Touched
 from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
 

@@ -13,7 +13,7 @@ Modules:
     elementary: elementary functions of numbers and SIMD lanes alike.
     formulas: the names of the formulas that a class of chains brings.
     friction: capstan friction with memory: tensions, slip and their rates.
-    gaps: gaps between outlines and walls, and ways along walls.
+    gaps: gaps between outlines and obstacles, ways along them, and the law of a gap.
     hinge_lanes: arms in lanes, without and with friction.
     hinge_solve: one equilibrium of a chain in space, one step with friction, and the place of results.
     hinges: arms: arrays, poses, gaps, tendon lengths.
@@ -23,6 +23,7 @@ Modules:
     linear: small dense linear algebra on the free joints.
     long_chain: Newton steps in O(n).
     long_lu: Newton steps in O(n) with friction.
+    lumens: points in lumens: pieces of the centre line, gaps and ways.
     newton: Newton's method with a line search.
     passing: whether a chain has passed through an obstacle.
     planar_loads: loads in the plane: energy, sums, stiffness.
@@ -32,6 +33,7 @@ Modules:
     rubbed: steps with friction of the general solver, histories and stiffness, row by row.
     rubbed_block: steps with friction in lanes.
     rubbed_chain: a chain with friction, and its steps.
+    seen_walls: walls as seen from the base.
     settle: one equilibrium from one start, with fallbacks.
     spatial_lanes: lanes of chains in space: all that arms and chains with contacts share.
     spatial_loads: loads in space: energy, sums, stiffness, and the residual.
@@ -39,6 +41,7 @@ Modules:
     torsion_springs: springs between two links, in the plane and in space.
     turns: turns of tendons at their holes, and the forces that press links together.
     vectors: vectors of the plane and of space.
+    wall_contacts: contact of an outline with walls, its energy and its sums.
     walled_chain: a planar chain among walls.
     walled_solve: equilibria among walls, row by row, and what contacts remember.
     walls: arrays of walls and outlines.

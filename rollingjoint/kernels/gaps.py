@@ -75,59 +75,6 @@ def way_around(nearest, ux, uy, length, on_outline, other):
 
 
 @part(inline=True)
-def in_the_bend(u, v, curvature):
-    """A point in a piece of a centre line of constant curvature: u along the tangent at its start, v to the left.
-
-    Returns (offset d from the centre line to its left, q = 1 - curvature d, cos and sin of the turn to that point).
-    """
-    along, across = curvature * u, 1.0 - curvature * v
-    q = math.sqrt(along * along + across * across)
-    offset = (2.0 * v - curvature * (u * u + v * v)) / (1.0 + q)
-    return offset, q, across / q, along / q
-
-
-@part(inline=True)
-def arc_length_at(u, cos, sin, curvature):
-    """Arc length of the nearest point of a piece from its start."""
-    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u
-
-
-@part(inline=True)
-def lumen_gap(side, radius, slope, curvature, offset, q, tx, ty):
-    """Field of the gap to the wall of a lumen on one side, the radius of the point not yet taken off."""
-    nx, ny = -ty, tx
-    e, f = side * curvature / q, slope * curvature / (q * q)
-    per = slope / q
-    return (
-        radius - side * offset,
-        per * tx - side * nx,
-        per * ty - side * ny,
-        e * tx * tx + 2.0 * f * nx * tx,
-        e * tx * ty + f * (nx * ty + ny * tx),
-        e * ty * ty + 2.0 * f * ny * ty,
-    )
-
-
-@part(inline=True)
-def lumen_way(side, way, scale, curvature, q, tx, ty):
-    """Field of the way along the wall of a lumen on one side, against the sense of arc length on the left.
-
-    way: arc length along the wall; scale: its rate by the arc length of the centre line.
-    """
-    nx, ny = -ty, tx
-    per = -side * scale / q
-    f = per * curvature / q
-    return (
-        -side * way,
-        per * tx,
-        per * ty,
-        2.0 * f * nx * tx,
-        f * (nx * ty + ny * tx),
-        2.0 * f * ny * ty,
-    )
-
-
-@part(inline=True)
 def press(k, toe, multiplier, gap):
     """(energy, normal force, its rate by -gap) of one contact [N·mm, N, N/mm].
 

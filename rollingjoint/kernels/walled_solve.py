@@ -21,7 +21,8 @@ from rollingjoint.kernels.rubbed_chain import (
     rubbed_stiffness,
     rubs_in_holes,
 )
-from rollingjoint.kernels.walled_chain import (
+from rollingjoint.kernels.seen_walls import see
+from rollingjoint.kernels.wall_contacts import (
     EVALUATIONS,
     PENALTY,
     PLACES,
@@ -29,23 +30,16 @@ from rollingjoint.kernels.walled_chain import (
     STIFFER,
     ContactMemory,
     Touched,
-    base_stiffness,
     begin_touch,
     contact_sizes,
-    force_rates,
-    link_forces,
-    see,
     touch_walls,
-    walled,
 )
+from rollingjoint.kernels.walled_chain import base_stiffness, force_rates, link_forces, walled
 from rollingjoint.kernels.walls import Walls
 
 JUMP = 0.05  # rad, and thrice the tangent: motion of a joint that is a jump
-_MOST_UPDATES, _GAP_GOAL, _MOST_GAP = (
-    60,
-    1e-10,
-    1e-6,
-)  # of the forces of rigid walls; mm: gap that is zero, that is no room
+_MOST_UPDATES = 60  # of the forces of rigid walls
+_GAP_GOAL, _MOST_GAP = 1e-10, 1e-6  # mm: gap that is zero, that is no room
 _FIRM = 1e5  # times the penalty: derivatives as between rigid walls
 _SLOW, _MOST_STIFFER = 0.25, 1e6  # a gap that falls less in an update has the penalty multiplied by ten
 
