@@ -121,6 +121,20 @@ def piece_near(seen, first, last, i, x, y):
     return i
 
 
+@part(inline=True)
+def _from_start(seen, first, last, i, x, y):
+    """A point from the start of a piece, or beyond the lumen from its end.
+
+    Returns (u along the tangent there, v to its left, that tangent, whether the point is before, beyond the lumen).
+    """
+    piece = seen.pieces[i]
+    beyond = i == last - 1 and _beyond_end(piece, x, y) > 0.0
+    at = END if beyond else START
+    dx, dy, tx, ty = x - piece[at], y - piece[at + 1], piece[at + 2], piece[at + 3]
+    u, v = dx * tx + dy * ty, dy * tx - dx * ty
+    return u, v, tx, ty, i == first and not beyond and u < 0.0, beyond
+
+
 @part
 def lumen_fields(seen, w, i, x, y, radius, rubs):
     """(gap, way, side): the fields of a point in a lumen, at a piece of it, and the wall that it is nearer to.
@@ -128,13 +142,9 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
     rubs: whether the way is wanted.
     """
     piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
-    beyond = _beyond_end(piece, x, y)
-    after = i == last - 1 and beyond > 0.0
-    at = END if after else START
-    dx, dy, tx, ty = x - piece[at], y - piece[at + 1], piece[at + 2], piece[at + 3]
-    u, v = dx * tx + dy * ty, dy * tx - dx * ty
+    u, v, tx, ty, before, after = _from_start(seen, first, last, i, x, y)
     curvature, slope, wall_radius = piece[CURVATURE], piece[SLOPE], piece[RADIUS]
-    if after or (i == first and u < 0.0):  # both ends go on straight
+    if before or after:  # both ends go on straight
         wall_radius = piece[RADIUS] + piece[SLOPE] * piece[LENGTH] if after else piece[RADIUS]
         curvature = slope = 0.0
     offset, q, cos, sin = _in_the_bend(u, v, curvature)
@@ -150,7 +160,7 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
     field = _lumen_way(side, way, scale, curvature, q, tx, ty)
     if not rubs:
         return gap, field, side
-    other, along = _joint_near(i, first, last, u if after else arc, piece[LENGTH], after)
+    other, along = _joint_near(i, first, last, u if after else arc, piece[LENGTH], before or after)
     if abs(along) >= _BLEND:
         return gap, field, side
     turn = seen.pieces[max(other, 0), CURVATURE] if other >= 0 else 0.0
@@ -163,13 +173,14 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
 
 
 @part(inline=True)
-def _joint_near(i, first, last, arc, length, after):
+def _joint_near(i, first, last, arc, length, straight):
     """(piece on the other side of the nearer end of piece i, or -1 for a straight end, arc length from there).
 
     The rate of the way along a wall that gives way jumps with the curvature of its pieces, and friction with it: near
     the joint of two pieces it goes from one to the other, or a pose at the joint could have no balance.
+    straight: whether the point is on a straight end.
     """
-    if after or (i == first and arc < 0.0):
+    if straight:
         return i, arc
     if arc > 0.5 * length:
         return (i + 1 if i < last - 1 else -1), arc - length
@@ -180,11 +191,7 @@ def _joint_near(i, first, last, arc, length, after):
 def lumen_room(seen, w, i, x, y):
     """A lower bound of the distance of a point from the walls of a lumen, at a piece of it, without its arc length."""
     piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
-    after = i == last - 1 and _beyond_end(piece, x, y) > 0.0
-    at = END if after else START
-    dx, dy, tx, ty = x - piece[at], y - piece[at + 1], piece[at + 2], piece[at + 3]
-    u, v = dx * tx + dy * ty, dy * tx - dx * ty
-    straight = after or (i == first and u < 0.0)
-    offset, _, _, _ = _in_the_bend(u, v, 0.0 if straight else piece[CURVATURE])
+    u, v, _, _, before, after = _from_start(seen, first, last, i, x, y)
+    offset, _, _, _ = _in_the_bend(u, v, 0.0 if before or after else piece[CURVATURE])
     narrowest = min(piece[RADIUS], piece[RADIUS] + piece[SLOPE] * piece[LENGTH])
     return narrowest - abs(offset)

@@ -75,15 +75,9 @@ def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, space, sizes):
-    chain, laws, results, state, walls = (
-        borrow(chain),
-        borrow(laws),
-        borrow(results),
-        pointed(borrow(state)),
-        borrow(walls),
-    )
+    chain, laws, results, walls = borrow(chain), borrow(laws), borrow(results), borrow(walls)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    place = pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
+    state, place = pointed(borrow(state)), pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
     for number in range(lanes.size):
         lane = lanes[number]
         mechanism = pointed(formulas.design(chain, designs[lane]))
@@ -93,7 +87,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
         begin_place(walls, lane, solvable, place)
         if solvable:
             among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
-            outcome = solve_between(among, law, loads[lane], starts[lane], state)
+            outcome = solve_between(among, None, law, loads[lane], starts[lane], state)
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
         formulas.store(mechanism, state, outcome, results, lane)
@@ -103,10 +97,22 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
 
 
 @part
-def solve_between(chain, law, loads, start, state):
-    """formulas.solve; between rigid walls the forces that keep their gaps at zero, by an augmented Lagrangian."""
+def _solve_once(chain, rubbing, law, loads, start, state):
+    """The equilibrium, or the step with friction unless `rubbing` is None; returns as formulas.solve."""
+    if rubbing is None:
+        return formulas.solve(chain, law, loads, start, state)
+    friction, history, memory = rubbing
+    return formulas.solve_step(chain, friction, history, law, loads, start, state, memory)
+
+
+@part
+def solve_between(chain, rubbing, law, loads, start, state):
+    """formulas.solve; between rigid walls the forces that keep their gaps at zero, by an augmented Lagrangian.
+
+    rubbing: (friction, history, memory) of formulas.solve_step for a step with friction, else None.
+    """
     touch = chain.touch
-    outcome = formulas.solve(chain, law, loads, start, state)
+    outcome = _solve_once(chain, rubbing, law, loads, start, state)
     if chain.walls.rigid[0] <= 0.0:
         return outcome
     status, count, worst, escapes = outcome
@@ -120,7 +126,7 @@ def solve_between(chain, law, loads, start, state):
         before = open_gap
         for i in range(angles.size):
             angles[i] = state.angle[i]
-        status, more, worst, escapes = formulas.solve(chain, law, loads, angles, state)
+        status, more, worst, escapes = _solve_once(chain, rubbing, law, loads, angles, state)
         count += more
     return NO_ROOM if open_gap > _MOST_GAP else status, count, worst, escapes
 
@@ -135,29 +141,6 @@ def has_jumped(touch, start, state):
         if abs(state.angle[i] - start[i]) > 3.0 * abs(touch.tangent[i]) + JUMP:
             return 1
     return 0
-
-
-@part
-def step_between(chain, friction, history, law, loads, start, state, memory):
-    """solve_between, a step with friction from its history."""
-    touch = chain.touch
-    outcome = formulas.solve_step(chain, friction, history, law, loads, start, state, memory)
-    if chain.walls.rigid[0] <= 0.0:
-        return outcome
-    status, count, worst, escapes = outcome
-    before, angles = np.inf, np.empty(start.size)
-    for outer in range(_MOST_UPDATES):
-        open_gap = update_multipliers(touch)
-        if open_gap <= _GAP_GOAL or (status >= UNSTABLE and outer > 3):
-            break
-        if open_gap > _SLOW * before and touch.how[STIFFER] < _MOST_STIFFER:
-            touch.how[STIFFER] *= 10.0
-        before = open_gap
-        for i in range(angles.size):
-            angles[i] = state.angle[i]
-        status, more, worst, escapes = formulas.solve_step(chain, friction, history, law, loads, angles, state, memory)
-        count += more
-    return NO_ROOM if open_gap > _MOST_GAP else status, count, worst, escapes
 
 
 @part
@@ -209,15 +192,10 @@ def step_among_walls(chain, designs, laws, loads, starts, results, friction, wal
 def _step_each(
     chain, designs, laws, loads, starts, results, friction, walls, lanes, state, contacts, sizes, space, rubbing
 ):
-    chain, laws, results, state, walls = (
-        borrow(chain),
-        borrow(laws),
-        borrow(results),
-        pointed(borrow(state)),
-        borrow(walls),
-    )
+    chain, laws, results = borrow(chain), borrow(laws), borrow(results)
+    walls, friction = borrow(walls), borrow(friction)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    place, friction = pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes)), borrow(friction)
+    state, place = pointed(borrow(state)), pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes))
     memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
     for number in range(lanes.size):
         lane = lanes[number]
@@ -233,7 +211,8 @@ def _step_each(
         among, status = walled(mechanism, place, touched), INVALID_INPUT
         if solvable:
             place.touch.how[RUBS] = 1.0
-            outcome = step_between(among, coefficients, before, law, loads[lane], starts[lane], state, memory)
+            rubbing = coefficients, before, memory
+            outcome = solve_between(among, rubbing, law, loads[lane], starts[lane], state)
             status = outcome[0]
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
@@ -284,10 +263,8 @@ def touch_again(chain, designs, angles, walls, places):
     candidate its contact point on the wall and the normal of the wall there, base frame: places (B, C, 4).
     """
     sizes = contact_sizes(walls.walls, angles.shape[1])
-    memory, state = (
-        np.zeros(size_of(ContactMemory, sizes)),
-        formulas.new_state(chain, sizes.J, chain.tendon_joints.size),
-    )
+    memory = np.zeros(size_of(ContactMemory, sizes))
+    state = formulas.new_state(chain, sizes.J, chain.tendon_joints.size)
     _touch_each(chain, designs, angles, walls, places, state, memory, sizes)
 
 
