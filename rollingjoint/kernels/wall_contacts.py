@@ -26,8 +26,8 @@ PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
 GX, GY, GM, X_DOT_G, SUM_S = range(5)
 N_SUMS = SUM_S + 9
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
-# presliding; whether places are wanted; steps of Newton's method and evaluations so far
-RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, N_HOW = range(7)
+# presliding; whether places are wanted; steps of Newton's method and evaluations so far; energy, magnitude of its terms
+RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, ENERGY, MAGNITUDE, N_HOW = range(9)
 
 
 class Touched(NamedTuple):
@@ -117,7 +117,7 @@ def _law_at(row, first, point):
 
 @part
 def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
-    """Add one candidate to the sums of its link; returns (energy, magnitude).
+    """Add one candidate to the energy and to the sums of its link.
 
     Args:
         x, y: the point of the fields, in the base frame. fixed: True where it does not move with the link.
@@ -128,7 +128,8 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
     multiplier, rigid = touch.multipliers[c], chain.walls.rigid[0] > 0.0
     k = PENALTY * touch.how[STIFFER] if rigid else law[STIFFNESS]
     energy, normal, rate = press(k, 0.0 if rigid else law[TOE], multiplier, gap[0])
-    magnitude, frozen = abs(energy), touch.frozen[c]
+    touch.how[ENERGY] += energy
+    touch.how[MAGNITUDE] += abs(energy)
     touch.gaps[c], touch.normals[c], touch.slips[c], touch.sides[c] = gap[0], normal, way[0], side
     mu, presliding = law[MU] * touch.how[RUBS], law[PRESLIDING] * touch.how[SOFTER]
     z, sticking = 0.0, 0.0
@@ -141,7 +142,8 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
         z = -slide(-state, way[0] - start, presliding)
         sticking = 1.0 / presliding if abs(z) < 1.0 else 0.0
         touch.works[c] = mu * work_per_grip(-state, -z, way[0] - start, presliding)
-        energy, magnitude = energy + frozen * touch.works[c], magnitude + abs(frozen * touch.works[c])
+        touch.how[ENERGY] += touch.frozen[c] * touch.works[c]
+        touch.how[MAGNITUDE] += abs(touch.frozen[c] * touch.works[c])
     touch.states[c] = z
     if touch.how[PLACES] > 0.0:
         size = np.sqrt(gap[1] * gap[1] + gap[2] * gap[2])
@@ -149,7 +151,7 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
         touch.places[c, 0], touch.places[c, 1] = x + away * nx, y + away * ny
         touch.places[c, 2], touch.places[c, 3] = nx, ny
     if normal <= 0.0:
-        return energy, magnitude
+        return
     sums, friction = touch.sums[link - 1], mu * normal * z
     _, gx, gy, gxx, gxy, gyy = gap
     _, sx, sy, sxx, sxy, syy = way
@@ -176,7 +178,6 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
     sums[SUM_S + 6] += a + um * gx + vm * sx
     sums[SUM_S + 7] += b + um * gy + vm * sy
     sums[SUM_S + 8] += turning + um * gm + vm * sm
-    return energy, magnitude
 
 
 @part(inline=True)
@@ -206,16 +207,16 @@ def touch_walls(chain, state, all_gaps):
     for i in range(touch.sums.shape[0]):
         for column in range(N_SUMS):
             touch.sums[i, column] = 0.0
-    energy, magnitude, c = _touch_points(chain, state, all_gaps)
-    more, size = _touch_bars(chain, state, all_gaps, c)
-    return energy + more, magnitude + size
+    touch.how[ENERGY] = touch.how[MAGNITUDE] = 0.0
+    _touch_bars(chain, state, all_gaps, _touch_points(chain, state, all_gaps))
+    return touch.how[ENERGY], touch.how[MAGNITUDE]
 
 
 @part
 def _touch_points(chain, state, all_gaps):
-    """`touch_walls` of the points; returns the number of their candidates, too."""
+    """`touch_walls` of the points; returns the number of their candidates."""
     seen, touch, pose = chain.walls, chain.touch, state.pose
-    energy, magnitude, c, lumens = 0.0, 0.0, 0, seen.lumens.shape[0]
+    c, lumens = 0, seen.lumens.shape[0]
     candidates = seen.planes.shape[0] + lumens
     for q in range(seen.points.shape[0]):
         point = seen.points[q]
@@ -229,8 +230,7 @@ def _touch_points(chain, state, all_gaps):
             if plane[4 + STIFFNESS] > 0.0 and link > 0 and (all_gaps or not _is_far(touch, c, value)):
                 gap = value, nx, ny, 0.0, 0.0, 0.0
                 way = ny * x - nx * y + plane[3] + rolled, ny, -nx, 0.0, 0.0, 0.0
-                term, size = _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law_at(plane, 4, point))
-                energy, magnitude = energy + term, magnitude + size
+                _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law_at(plane, 4, point))
             c += 1
         for w in range(lumens):
             lumen = seen.lumens[w]
@@ -250,17 +250,15 @@ def _touch_points(chain, state, all_gaps):
                     gap, way, side = lumen_fields(seen, w, i, x, y, radius, all_gaps or touch.how[RUBS] > 0.0)
                     gap = gap[0] - radius, gap[1], gap[2], gap[3], gap[4], gap[5]
                     way = way[0] + rolled, way[1], way[2], way[3], way[4], way[5]
-                    term, size = _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
-                    energy, magnitude = energy + term, magnitude + size
+                    _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
             c += 1
-    return energy, magnitude, c
+    return c
 
 
 @part
 def _touch_bars(chain, state, all_gaps, c):
     """`touch_walls` of the bars, the first of which has candidate number c."""
     seen, pose = chain.walls, state.pose
-    energy, magnitude = 0.0, 0.0
     for q in range(seen.bars.shape[0] if seen.discs.shape[0] + seen.capsules.shape[0] > 0 else 0):
         bar = seen.bars[q]
         link, radius = int(bar[0]), bar[5]
@@ -274,23 +272,18 @@ def _touch_bars(chain, state, all_gaps, c):
         for w in range(seen.discs.shape[0]):
             disc = seen.discs[w]
             if disc[3 + STIFFNESS] > 0.0 and link > 0:
-                how = chain, c, link, axis, radius, angle, disc[0], disc[1], disc[2], _law(disc, 3), all_gaps
-                term, size = _touch_disc(*how)
-                energy, magnitude = energy + term, magnitude + size
+                _touch_disc(chain, c, link, axis, radius, angle, disc[0], disc[1], disc[2], _law(disc, 3), all_gaps)
             c += 1
         for w in range(seen.capsules.shape[0]):
             capsule = seen.capsules[w]
             if capsule[6 + STIFFNESS] > 0.0 and link > 0:
                 for end in range(2):
                     ox, oy = capsule[0] + end * capsule[4] * capsule[2], capsule[1] + end * capsule[4] * capsule[3]
-                    how = chain, c + end, link, axis, radius, angle, ox, oy, capsule[5], _law(capsule, 6), all_gaps
-                    term, size = _touch_disc(*how)
-                    energy, magnitude = energy + term, magnitude + size
+                    law = _law(capsule, 6)
+                    _touch_disc(chain, c + end, link, axis, radius, angle, ox, oy, capsule[5], law, all_gaps)
                     x, y = (ax, ay) if end == 0 else (bx, by)
-                    term, size = _touch_capsule(chain, c + 2 + end, link, x, y, radius, angle, capsule, all_gaps)
-                    energy, magnitude = energy + term, magnitude + size
+                    _touch_capsule(chain, c + 2 + end, link, x, y, radius, angle, capsule, all_gaps)
             c += 4
-    return energy, magnitude
 
 
 @part
@@ -301,16 +294,16 @@ def _touch_disc(chain, c, link, axis, radius, angle, x, y, other, law, all_gaps)
     dx, dy, reach = ax + half * ux - x, ay + half * uy - y, half + radius + other
     if not all_gaps and dx * dx + dy * dy > reach * reach and _is_far(chain.touch, c, 1.0):
         chain.touch.gaps[c] = np.sqrt(dx * dx + dy * dy) - reach
-        return 0.0, 0.0
+        return
     nearest = nearest_on_segment(x, y, ax, ay, ux, uy, length)
     distance, nx, ny, _, end = nearest
     value = distance - radius - other
     if not all_gaps and _is_far(chain.touch, c, value):
-        return 0.0, 0.0
+        return
     xx, xy, yy = round_end(distance, nx, ny, end)
     along, sx, sy, sxx, sxy, syy = way_around(nearest, ux, uy, length, radius, other)
     gap, way = (value, -nx, -ny, xx, xy, yy), (along + other * angle, -sx, -sy, sxx, sxy, syy)
-    return _add(chain, c, link, x, y, True, gap, way, other, 1.0, law)
+    _add(chain, c, link, x, y, True, gap, way, other, 1.0, law)
 
 
 @part
@@ -321,8 +314,8 @@ def _touch_capsule(chain, c, link, x, y, radius, angle, capsule, all_gaps):
     distance, nx, ny, _, end = nearest
     value = distance - radius - other
     if not all_gaps and _is_far(chain.touch, c, value):
-        return 0.0, 0.0
+        return
     xx, xy, yy = round_end(distance, nx, ny, end)
     along, sx, sy, sxx, sxy, syy = way_around(nearest, ux, uy, length, other, radius)
     gap, way = (value, nx, ny, xx, xy, yy), (radius * angle - along, -sx, -sy, -sxx, -sxy, -syy)
-    return _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law(capsule, 6))
+    _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law(capsule, 6))
