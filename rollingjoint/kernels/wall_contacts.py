@@ -35,7 +35,7 @@ class Touched(NamedTuple):
 
     states: Annotated[Floats, "C"]  # friction state z, -1 to 1
     slips: Annotated[Floats, "C"]  # way along the wall [mm]
-    sides: Annotated[Floats, "C"]  # of a lumen's centre line, 1 or -1; 0 where it does not touch
+    sides: Annotated[Floats, "C"]  # of a lumen's centre line to which the way belongs, 1 or -1
     normals: Annotated[Floats, "C"]  # normal force [N]
 
 
@@ -134,13 +134,10 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
     mu, presliding = law[MU] * touch.how[RUBS], law[PRESLIDING] * touch.how[SOFTER]
     z, sticking = 0.0, 0.0
     if mu > 0.0:
-        state, start = 0.0, before.slips[c]
-        if before.sides[c] == side:
-            state = before.states[c]
-        elif before.sides[c] != 0.0:
-            start = way[0]
+        is_new = before.sides[c] != side  # on the other wall of a lumen, along which it has no way behind it
+        state, start = (0.0, way[0]) if is_new else (before.states[c], before.slips[c])
         z = -slide(-state, way[0] - start, presliding)
-        sticking = 1.0 / presliding if abs(z) < 1.0 else 0.0
+        sticking = 0.0 if is_new or abs(z) >= 1.0 else 1.0 / presliding
         touch.works[c] = mu * work_per_grip(-state, -z, way[0] - start, presliding)
         touch.how[ENERGY] += touch.frozen[c] * touch.works[c]
         touch.how[MAGNITUDE] += abs(touch.frozen[c] * touch.works[c])

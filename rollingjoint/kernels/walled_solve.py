@@ -247,8 +247,7 @@ def remember_walls(chain, status, state, walls, lane):
             after.states[c], after.slips[c] = before.states[c], before.slips[c]
             after.sides[c], after.normals[c] = before.sides[c], before.normals[c]
             continue
-        after.slips[c] = touch.slips[c]
-        after.sides[c] = touch.sides[c] if presses else 0.0
+        after.slips[c], after.sides[c] = touch.slips[c], touch.sides[c]
         after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
         if status < INDETERMINATE:
             work += 0.5 * (normal + before.normals[c]) * touch.works[c]
@@ -284,9 +283,9 @@ def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
         touch.how[PLACES] = 1.0
         touch_walls(among, state, True)
         for c in range(touch.gaps.size):
-            walls.gaps[lane, c], walls.after.slips[lane, c] = touch.gaps[c], touch.slips[c]
-            walls.after.normals[lane, c], walls.after.states[lane, c] = touch.normals[c], 0.0
-            walls.after.sides[lane, c] = touch.sides[c] if touch.normals[c] > 0.0 else 0.0
+            walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
+            walls.after.slips[lane, c], walls.after.sides[lane, c] = touch.slips[c], touch.sides[c]
+            walls.after.states[lane, c] = 0.0
             for column in range(4):
                 places[lane, c, column] = touch.places[c, column]
 

@@ -61,7 +61,7 @@ class Candidates:
         """Friction states, (C, B); before: (gaps pressed, states, ways, sides) of the step before."""
         _, way, side = fields
         pressed, state, start, old_side = before
-        slid = np.where(pressed & (side != old_side), 0.0, (way - start) / self.presliding[:, None])
+        slid = np.where(side != old_side, 0.0, (way - start) / self.presliding[:, None])
         return np.clip(np.where(pressed & (side == old_side), state, 0.0) + slid, -1.0, 1.0)
 
     def wrenches(self, poses, bases, forces, states):
