@@ -14,7 +14,7 @@ from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.chain.friction_step import check_shape
 from rollingjoint.kernels.friction import FrictionLaw, History
 from rollingjoint.kernels.passing import mark_passed
-from rollingjoint.kernels.wall_contacts import Touched
+from rollingjoint.kernels.wall_contacts import N_PLACE, Touched, contact_sizes
 from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
 
@@ -25,7 +25,6 @@ _LAW, _HISTORY = Annotated[FrictionLaw, "B"], Annotated[History, "B"]
 
 KINDS = ("plane", "lumen", "disc", "capsule")
 """Kinds of walls, by the numbers of `candidate_table`."""
-_N_PLACE = 4
 
 
 class WallContact(NamedTuple):
@@ -34,9 +33,12 @@ class WallContact(NamedTuple):
     Attributes:
         link: number of the link. kind, wall: kind of the wall, and its number among those.
         place: where they touch [mm]. normal: unit normal of the wall there, to the link.
-        gap: negative where a compliant wall gives way [mm]. force: normal force [N].
-        friction: force along the wall, to the right of the normal positive [N].
+        gap: negative where a compliant wall gives way [mm]. force: normal force N by its law [N].
+        friction: -mu N state, positive to the right of the normal [N].
         state: friction state, -1 to 1. sticks: whether it is between both.
+        wall_force: of the wall on the link, (2,) [N]: the contacts of a link add up to its wall_forces. Its parts are N
+            and the friction, but where a lumen tapers (by N times half the square of the slope) and where a wall that
+            is bent gives way (by the friction times depth over bend radius).
         candidate: number of the pair (kernels.walls.Walls).
     """
 
@@ -50,6 +52,7 @@ class WallContact(NamedTuple):
     friction: float
     state: float
     sticks: bool
+    wall_force: Array
     candidate: int
 
 
@@ -126,7 +129,7 @@ class WallStep:
         return arrays
 
     def touched(self, designs: tuple[Any, NDArray[np.int64]], angles: Array) -> tuple[WallArrays, Array]:
-        """Every candidate at joint angles (..., n - 1), before any slip, and its place and normal, (B, C, 4)."""
+        """Every candidate at joint angles (..., n - 1), before any slip, and its place (kernels.wall_contacts)."""
         rows = angles.reshape(-1, angles.shape[-1]).copy()
         arrays = self.arrays(rows.shape[1])
         return arrays, touch(designs, rows, arrays)
@@ -159,6 +162,9 @@ class WallStep:
         for lane, index in enumerate(which):
             table, mu = candidate_table(self.walls, index)
             pressing = np.flatnonzero(normals[lane] > 0.0)
+            of_gap, of_way = places[lane, :, 2:4], places[lane, :, 4:]
+            friction = -mu * normals[lane] * states[lane]
+            forces = normals[lane, :, None] * of_gap + friction[:, None] * of_way
             every.append(
                 [
                     WallContact(
@@ -166,12 +172,13 @@ class WallStep:
                         kind=KINDS[table[c, 1]],
                         wall=int(table[c, 2]),
                         place=places[lane, c, :2],
-                        normal=places[lane, c, 2:],
+                        normal=of_gap[c] / np.hypot(*of_gap[c]),
                         gap=float(gaps[lane, c]),
                         force=float(normals[lane, c]),
-                        friction=float(-mu[c] * normals[lane, c] * states[lane, c]),
+                        friction=float(friction[c]),
                         state=float(states[lane, c]),
                         sticks=bool(abs(states[lane, c]) < 1.0),
+                        wall_force=forces[c],
                         candidate=int(c),
                     )
                     for c in pressing
@@ -181,8 +188,8 @@ class WallStep:
 
 
 def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArrays) -> Array:
-    """Evaluate every candidate at joint angles (B, n - 1), before any slip, into the arrays; places and normals."""
-    places = np.zeros((*arrays.gaps.shape, _N_PLACE))
+    """Evaluate every candidate at joint angles (B, n - 1), before any slip, into the arrays; their places."""
+    places = np.zeros((*arrays.gaps.shape, N_PLACE))
     chain, rows = designs
     kinds = type(chain), _INTEGERS, _MATRIX, WallArrays, _CUBE
     machine_code(touch_again, *kinds)(chain, rows, angles, arrays, places)
@@ -204,8 +211,8 @@ def passed_through(
 
 def n_candidates(walls: Walls) -> int:
     """Number of the pairs that may touch."""
-    points, bars, planes, discs, capsules, _, lumens = (array.shape[1] for array in walls[:-1])
-    return points * (planes + lumens) + bars * (discs + 4 * capsules)
+    count: int = contact_sizes.py_func(walls, 0).C
+    return count
 
 
 def candidate_table(walls: Walls, which: int) -> tuple[NDArray[np.int64], Array]:

@@ -25,6 +25,7 @@ PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
 # at the origin, point · gradient, and S row by row
 GX, GY, GM, X_DOT_G, SUM_S = range(5)
 N_SUMS = SUM_S + 9
+N_PLACE = 6  # columns of Touch.places
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
 # presliding; whether places are wanted; steps of Newton's method and evaluations so far; energy, magnitude of its terms
 RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, ENERGY, MAGNITUDE, N_HOW = range(9)
@@ -52,7 +53,7 @@ class Touch(NamedTuple):
     multipliers: Annotated[Floats, "C"]  # normal force of rigid walls so far
     pieces: Annotated[Floats, "C"]  # of a lumen, near the point; -1: not yet known
     clear: Annotated[Floats, "C", 3]  # a point, and the square of the way from there that brings it nowhere near a wall
-    places: Annotated[Floats, "C", 4]  # contact point on the wall, and the normal there to the link: if wanted
+    places: Annotated[Floats, "C", N_PLACE]  # contact point on the wall, gradient of the gap and of the way: if wanted
     sums: Annotated[Floats, "J", N_SUMS]
     tangent: Annotated[Floats, "J"]  # the first step of Newton's method [rad]
     how: Annotated[Floats, N_HOW]
@@ -146,7 +147,8 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
         size = np.sqrt(gap[1] * gap[1] + gap[2] * gap[2])
         nx, ny, away = gap[1] / size, gap[2] / size, rolled if fixed else -(rolled + gap[0])
         touch.places[c, 0], touch.places[c, 1] = x + away * nx, y + away * ny
-        touch.places[c, 2], touch.places[c, 3] = nx, ny
+        for axis in range(2):
+            touch.places[c, 2 + axis], touch.places[c, 4 + axis] = gap[1 + axis], way[1 + axis]
     if normal <= 0.0:
         return
     sums, friction = touch.sums[link - 1], mu * normal * z

@@ -24,6 +24,7 @@ from rollingjoint.kernels.rubbed_chain import (
 from rollingjoint.kernels.seen_walls import see
 from rollingjoint.kernels.wall_contacts import (
     EVALUATIONS,
+    N_PLACE,
     PENALTY,
     PLACES,
     RUBS,
@@ -259,7 +260,7 @@ def touch_again(chain, designs, angles, walls, places):
     """Evaluate every candidate at joint angles (B, J).
 
     Fills gaps, forces of compliant walls without friction, and memory of contacts that have not slipped; and of every
-    candidate its contact point on the wall and the normal of the wall there, base frame: places (B, C, 4).
+    candidate its place, as in Touch.places, in the base frame: places (B, C, N_PLACE).
     """
     sizes = contact_sizes(walls.walls, angles.shape[1])
     memory = np.zeros(size_of(ContactMemory, sizes))
@@ -286,7 +287,7 @@ def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
             walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
             walls.after.slips[lane, c], walls.after.sides[lane, c] = touch.slips[c], touch.sides[c]
             walls.after.states[lane, c] = 0.0
-            for column in range(4):
+            for column in range(N_PLACE):
                 places[lane, c, column] = touch.places[c, column]
 
 

@@ -107,12 +107,8 @@ def wall_arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
 def places_and_forces(eq: Equilibrium) -> tuple[Array, Array]:
     """Place of every contact, and force on the link there, in the world, (C, 2) each [mm, N]."""
     assert eq.walls is not None
-    contacts, base = eq.wall_contacts, eq.walls.base
-    places = to_world(base, np.array([touch.place for touch in contacts]))
-    normals = np.array([touch.normal for touch in contacts]) @ rotation(base[2]).T
-    rights = np.stack([normals[:, 1], -normals[:, 0]], axis=1)
-    normal, friction = np.array([(touch.force, touch.friction) for touch in contacts]).T
-    return places, normal[:, None] * normals + friction[:, None] * rights
+    places, forces = (np.array(part) for part in zip(*((t.place, t.wall_force) for t in eq.wall_contacts), strict=True))
+    return to_world(eq.walls.base, places), forces @ rotation(eq.walls.base[2]).T
 
 
 def force_colors(equilibria: Sequence[Equilibrium]) -> ScalarMappable:

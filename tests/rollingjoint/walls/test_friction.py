@@ -5,7 +5,7 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint.chain.solution import stacked
-from tests.rollingjoint.walls.scenes import LIMITS, RUBBING, S_BEND, cycle, s_bend
+from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST, RUBBING, S_BEND, cycle, s_bend
 
 MU, RADIUS, LUMEN = 0.25, 5.0, 7.0
 
@@ -40,6 +40,7 @@ def wrench(step, link):
         turn = side * curvature_at(centre, step.walls.base)
         scale = (1.0 - turn * (LUMEN - RADIUS)) / (1.0 - turn * (LUMEN - RADIUS - contact.gap))
         force = contact.force * contact.normal + scale * contact.friction * right
+        np.testing.assert_allclose(contact.wall_force, force, atol=1e-9)
         moment = centre[0] * force[1] - centre[1] * force[0] + RADIUS * contact.friction
         total += [*force, moment]
     return total
@@ -94,3 +95,21 @@ def test_rows_of_a_batch_are_single_steps_to_the_last_bit(path):
             assert np.array_equal(getattr(single, name), getattr(taken, name)), name
         assert np.array_equal(single.walls.states, taken.walls.states)
         assert np.array_equal(single.joint_angles, path.joint_angles[row + 1])
+
+
+def test_a_contact_that_opens_on_one_side_of_a_lumen_begins_anew_on_the_other():
+    """Sideways across a straight lumen nothing slides; the way along one wall says nothing about the other."""
+    around = rj.Surroundings(
+        [rj.Lumen([200.0], [0.0], 8.0, (0.0, -20.0, np.pi / 2))], rj.Sleeve(5.0), rj.WallFriction(0.2)
+    )
+    step = None
+    for x in (-1.0, 4.0):
+        step = rj.solve_lengths(
+            CHAIN, REST, tension_limits=LIMITS, surroundings=around, base=(x, 0.0, 0.0), history=step
+        ).require()
+    assert len(step.wall_contacts) >= 2 and all(contact.normal[0] < -0.9 for contact in step.wall_contacts)
+    assert max(abs(contact.state) for contact in step.wall_contacts) < 0.1
+    pushed = rj.solve_lengths(
+        CHAIN, REST, tension_limits=LIMITS, surroundings=around, base=(4.0, 0.02, 0.0), history=step
+    ).require()
+    assert pushed.insertion_force > 0.0 and all(0.2 < contact.state < 0.6 for contact in pushed.wall_contacts)

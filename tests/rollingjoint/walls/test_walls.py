@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
-from rollingjoint.kernels.walls import Walls
 from tests.rollingjoint.walls.outlines import bare, sleeve, walls
 
 CHAIN = rj.two_segment(4, 4, height=10.0, radius=7.0, half_width=5.0)
@@ -94,6 +93,18 @@ def test_contacts_are_places_and_forces_of_the_walls():
     np.testing.assert_allclose(forces, equilibrium.wall_forces, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["taper", "lumen"])
+def test_forces_at_contacts_add_up_to_those_on_the_links(name):
+    """In tapers and under friction, too."""
+    around, step = scene(name, mu=0.3), None
+    for feed in (-1.0, 0.0, 0.02, 1.0):
+        step = solved(around, COMMANDS[0], base=(0.5, feed, 0.05), history=step)
+    forces = np.zeros((CHAIN.n_links, 2))
+    np.add.at(forces, [contact.link for contact in step.wall_contacts], [c.wall_force for c in step.wall_contacts])
+    assert max(abs(contact.friction) for contact in step.wall_contacts) > 0.05
+    np.testing.assert_allclose(forces, step.wall_forces[:, :2], atol=1e-12)
+
+
 def test_moving_chain_and_walls_together_changes_nothing():
     turn, shift = 0.7, np.array([3.0, -20.0])
     cos, sin = np.cos(turn), np.sin(turn)
@@ -149,9 +160,17 @@ def test_long_chains_take_steps_in_order_n():
 
 
 def test_insertion_force_is_the_rate_of_the_energy():
-    """Base and walls are balanced by the force that drives the base: the sum of all wall forces."""
-    equilibrium = solved(scene("lumen"), COMMANDS[0], base=(0.0, 3.0, 0.0))
-    assert equilibrium.insertion_force == pytest.approx(-equilibrium.wall_forces[:, 1].sum())
+    """Of taut tendons and walls that give way, along the feed of the base, whose equilibria have the least energy."""
+    around, stiffness, h = scene("lumen"), SCENES["lumen"]["lumens"][0][-1], 1e-3
+    at = solved(around, COMMANDS[0], base=(0.0, 3.0, 0.0))
+    energies = []
+    for way in (h, -h):
+        step = solved(around, COMMANDS[0], base=(0.0, 3.0 + way, 0.0), start=at)
+        assert (step.tensions > LIMITS[0]).all() and (step.tensions < LIMITS[1]).all()
+        pressed = sum(contact.force**2 for contact in step.wall_contacts) / (2.0 * stiffness)
+        energies.append(pressed + np.sum(step.tensions**2 / (2.0 * CHAIN.stiffnesses)))
+    assert at.insertion_force == pytest.approx((energies[0] - energies[1]) / (2.0 * h), rel=1e-6)
+    assert at.insertion_force == pytest.approx(-at.wall_forces[:, 1].sum())
 
 
 def test_rigid_walls_are_the_limit_of_stiff_ones():
@@ -174,11 +193,15 @@ def test_no_room_is_a_status():
 
 
 def test_a_snap_through_is_a_jump():
-    """A disc leaves the side of a bar that it has pressed on."""
-    around = walls(sleeve(CHAIN, 5.0), discs=[(-10.0, 60.0, 5.0, 2.0)])
-    first = solved(around, REST, base=(0, 0, 0))
-    near = solved(around, REST + np.array([-0.2, 0.2, 0.0, 0.0]), base=(0, 0, 0), start=first)
-    assert not near.jumped
+    """The base moves sideways past a disc, which holds the tip back until it slips over."""
+    around = walls(sleeve(CHAIN, 5.0), discs=[(12.0, 80.0, 4.0, 1.0)])
+    steps = [solved(around, REST, base=(0, 0, 0))]
+    for x in range(1, 60):
+        steps.append(solved(around, REST, base=(x, 0, 0), start=steps[-1].joint_angles))
+    touching = np.array([len(step.wall_contacts) > 0 for step in steps])
+    (slipped,) = np.flatnonzero(touching[:-1] & ~touching[1:]) + 1
+    assert np.flatnonzero([step.jumped for step in steps]).tolist() == [slipped]
+    assert np.abs(steps[slipped].joint_angles - steps[slipped - 1].joint_angles).max() > 0.3
 
 
 def test_wrong_inputs_are_named():
@@ -193,4 +216,3 @@ def test_wrong_inputs_are_named():
     with pytest.raises(rj.InvalidInput, match="mechanism"):
         rj.solve_lengths(arm, arm.neutral_lengths, surroundings=around)
     assert rj.solve_lengths(CHAIN, REST, surroundings=around, base=(np.nan, 0, 0)).status is rj.Status.INVALID_INPUT
-    assert isinstance(around, Walls)
