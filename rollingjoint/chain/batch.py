@@ -23,13 +23,7 @@ from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.friction import (
-    FrictionArrays,
-    FrictionLaw,
-    History,
-    histories_of,
-    new_friction_arrays,
-)
+from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History, histories_of, new_friction_arrays
 from rollingjoint.kernels.lanes import PENDING
 from rollingjoint.kernels.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
 from rollingjoint.kernels.walled_solve import WallArrays, solve_among_walls, step_among_walls

@@ -400,13 +400,13 @@ class Solution(ABC):
     @cached_property
     def stiffness(self) -> Array:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
-        valid = self._codes != int(Status.INVALID_INPUT)
-        loads = np.where(valid[..., None, None], self.loads, 0.0)
-        angles = self._rows(self.joint_angles)
         if self.walls is not None:
             return self._among_walls[0]
         if self.friction is not None:
             return self._with_friction[0]
+        valid = self._codes != int(Status.INVALID_INPUT)
+        loads = np.where(valid[..., None, None], self.loads, 0.0)
+        angles = self._rows(self.joint_angles)
         H = np.empty((*angles.shape, angles.shape[1]))
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         stiffness_of(*self._designs, *tendons, self._rows(loads, axes=2), angles, H)

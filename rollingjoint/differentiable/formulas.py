@@ -59,28 +59,14 @@ def of_tensors(part: Any) -> Callable[..., Any]:
     return types.FunctionType(function.__code__, names, function.__name__)
 
 
-_OF_MOTORS = (
-    transmission.at_limit,
-    transmission.elastic_tension,
-    transmission.motor_yield,
-    transmission.paid_out,
-    transmission.play_step,
-    transmission.pull_end,
-    transmission.pull_limit,
-    transmission.sheath_direction,
-    transmission.sheath_ratio,
-    transmission.unstretched_length,
-)
-(
-    at_limit,
-    elastic_tension,
-    motor_yield,
-    paid_out,
-    play_step,
-    pull_end,
-    pull_limit,
-    sheath_direction,
-    sheath_ratio,
-    unstretched_length,
-) = map(of_tensors, _OF_MOTORS)
+at_limit = of_tensors(transmission.at_limit)
+elastic_tension = of_tensors(transmission.elastic_tension)
+motor_yield = of_tensors(transmission.motor_yield)
+paid_out = of_tensors(transmission.paid_out)
+play_step = of_tensors(transmission.play_step)
+pull_end = of_tensors(transmission.pull_end)
+pull_limit = of_tensors(transmission.pull_limit)
+sheath_direction = of_tensors(transmission.sheath_direction)
+sheath_ratio = of_tensors(transmission.sheath_ratio)
+unstretched_length = of_tensors(transmission.unstretched_length)
 straight_gap, gap_rates = of_tensors(joints.straight_gap), of_tensors(joints.gap_rates)

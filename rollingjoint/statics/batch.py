@@ -112,8 +112,8 @@ class Batch:
         each = [solution.row(row) for row in range(rows)]
         for row in passed:
             law = TendonLaw(*(values[row] for values in laws))
-            history = row_of(before[1], row, rows)
-            each[row] = in_parts(_take_part, row_of(at, row, rows), history, each[row], law, tables[row])
+            history = row_of(before[1], row)
+            each[row] = in_parts(_take_part, row_of(at, row), history, each[row], law, tables[row])
         return replace(stacked(each), mechanism=solution.mechanism)
 
     def _step_among(self, laws: TendonLaw, tables: Array, starts: Array, history: History, walls: WallArrays) -> Any:

@@ -38,7 +38,7 @@ def rows_that_passed(before: Any, now: Any) -> NDArray[np.int64]:
     return rows[passed_through(now.walls.walls, now.walls.which[rows], *where)]
 
 
-def row_of(state: Any, row: int, rows: int) -> Any:
+def row_of(state: Any, row: int) -> Any:
     """One row of an equilibrium or a FrictionState of a batch, or of one for all rows."""
     if state is None or np.ndim(state.joint_angles if isinstance(state, Solution) else state.angles) == 1:
         return state

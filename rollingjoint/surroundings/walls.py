@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -52,7 +53,7 @@ class WallFriction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wall:
+class Wall(ABC):
     """Base class of walls: the law by which they press and rub.
 
     A contact that is pressed in by p = -gap has the normal force N = stiffness × p; with a toe the force starts as a
@@ -85,9 +86,9 @@ class Wall:
         """Stiffness, toe, and whether the stiffness is per length."""
         return self.stiffness, self.toe, False
 
+    @abstractmethod
     def rows(self) -> Mapping[str, Sequence[Row]]:
         """The rows of the kernels' tables of walls, by the name of the table, without the columns of the law."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
