@@ -36,9 +36,9 @@ class WallContact(NamedTuple):
         gap: negative where a compliant wall gives way [mm]. force: normal force N by its law [N].
         friction: -mu N state, positive to the right of the normal [N].
         state: friction state, -1 to 1. sticks: whether it is between both.
-        wall_force: of the wall on the link, (2,) [N]: the contacts of a link add up to its wall_forces. Its parts are N
-            and the friction, but where a lumen tapers (by N times half the square of the slope) and where a wall that
-            is bent gives way (by the friction times depth over bend radius).
+        force_on_link: as it is in the balance, (2,) [N]: those of a link add up to its wall_forces. Its parts along the
+            normal and the wall are force and friction, but for small shares of them where a lumen tapers (the square of
+            the slope) and where a bent wall gives way (depth over bend radius).
         candidate: number of the pair (kernels.walls.Walls).
     """
 
@@ -52,7 +52,7 @@ class WallContact(NamedTuple):
     friction: float
     state: float
     sticks: bool
-    wall_force: Array
+    force_on_link: Array
     candidate: int
 
 
@@ -178,7 +178,7 @@ class WallStep:
                         friction=float(friction[c]),
                         state=float(states[lane, c]),
                         sticks=bool(abs(states[lane, c]) < 1.0),
-                        wall_force=forces[c],
+                        force_on_link=forces[c],
                         candidate=int(c),
                     )
                     for c in pressing
@@ -198,7 +198,7 @@ def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArr
 
 def passed_through(
     walls: Walls, which: NDArray[np.int64], before: tuple[Array, Array], now: tuple[Array, Array]
-) -> Any:
+) -> NDArray[np.bool_]:
     """True for every step whose chain has passed through a disc or a capsule, (B,).
 
     before, now: poses of the links in the base frame, (B, n, 3), and of the base, (B, 3), before and after the step.

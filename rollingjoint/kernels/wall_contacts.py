@@ -271,50 +271,43 @@ def _touch_bars(chain, state, all_gaps, c):
         for w in range(seen.discs.shape[0]):
             disc = seen.discs[w]
             if disc[3 + STIFFNESS] > 0.0 and link > 0:
-                _touch_disc(chain, c, link, axis, radius, angle, disc[0], disc[1], disc[2], _law(disc, 3), all_gaps)
+                law = _law(disc, 3)
+                _touch_round(chain, c, link, axis, radius, disc[0], disc[1], disc[2], angle, True, law, all_gaps)
             c += 1
         for w in range(seen.capsules.shape[0]):
             capsule = seen.capsules[w]
             if capsule[6 + STIFFNESS] > 0.0 and link > 0:
+                wall = capsule[0], capsule[1], capsule[2], capsule[3], capsule[4]
+                other, law = capsule[5], _law(capsule, 6)
                 for end in range(2):
-                    ox, oy = capsule[0] + end * capsule[4] * capsule[2], capsule[1] + end * capsule[4] * capsule[3]
-                    law = _law(capsule, 6)
-                    _touch_disc(chain, c + end, link, axis, radius, angle, ox, oy, capsule[5], law, all_gaps)
+                    x, y = capsule[0] + end * capsule[4] * capsule[2], capsule[1] + end * capsule[4] * capsule[3]
+                    _touch_round(chain, c + end, link, axis, radius, x, y, other, angle, True, law, all_gaps)
                     x, y = (ax, ay) if end == 0 else (bx, by)
-                    _touch_capsule(chain, c + 2 + end, link, x, y, radius, angle, capsule, all_gaps)
+                    _touch_round(chain, c + 2 + end, link, wall, other, x, y, radius, angle, False, law, all_gaps)
             c += 4
 
 
 @part
-def _touch_disc(chain, c, link, axis, radius, angle, x, y, other, law, all_gaps):
-    """A bar against a disc around (x, y), which is a fixed point as seen from the link."""
+def _touch_round(chain, c, link, axis, on_axis, x, y, radius, angle, fixed, law, all_gaps):
+    """A disc around (x, y) against an axis that is swept by a disc of radius on_axis.
+
+    fixed: whether the axis is the link's and the disc the wall's, a fixed point as seen from the link; else the other
+    way round. angle: of the link in the world.
+    """
     ax, ay, ux, uy, length = axis
     half = 0.5 * length
-    dx, dy, reach = ax + half * ux - x, ay + half * uy - y, half + radius + other
+    dx, dy, reach = ax + half * ux - x, ay + half * uy - y, half + on_axis + radius
     if not all_gaps and dx * dx + dy * dy > reach * reach and _is_far(chain.touch, c, 1.0):
         chain.touch.gaps[c] = np.sqrt(dx * dx + dy * dy) - reach
         return
     nearest = nearest_on_segment(x, y, ax, ay, ux, uy, length)
     distance, nx, ny, _, end = nearest
-    value = distance - radius - other
+    value = distance - on_axis - radius
     if not all_gaps and _is_far(chain.touch, c, value):
         return
     xx, xy, yy = round_end(distance, nx, ny, end)
-    along, sx, sy, sxx, sxy, syy = way_around(nearest, ux, uy, length, radius, other)
-    gap, way = (value, -nx, -ny, xx, xy, yy), (along + other * angle, -sx, -sy, sxx, sxy, syy)
-    _add(chain, c, link, x, y, True, gap, way, other, 1.0, law)
-
-
-@part
-def _touch_capsule(chain, c, link, x, y, radius, angle, capsule, all_gaps):
-    """The end (x, y) of a bar against a fixed capsule."""
-    ax, ay, ux, uy, length, other = capsule[0], capsule[1], capsule[2], capsule[3], capsule[4], capsule[5]
-    nearest = nearest_on_segment(x, y, ax, ay, ux, uy, length)
-    distance, nx, ny, _, end = nearest
-    value = distance - radius - other
-    if not all_gaps and _is_far(chain.touch, c, value):
-        return
-    xx, xy, yy = round_end(distance, nx, ny, end)
-    along, sx, sy, sxx, sxy, syy = way_around(nearest, ux, uy, length, other, radius)
-    gap, way = (value, nx, ny, xx, xy, yy), (radius * angle - along, -sx, -sy, -sxx, -sxy, -syy)
-    _add(chain, c, link, x, y, False, gap, way, radius, 1.0, _law(capsule, 6))
+    along, sx, sy, sxx, sxy, syy = way_around(nearest, ux, uy, length, on_axis, radius)
+    sense = -1.0 if fixed else 1.0
+    gap = value, sense * nx, sense * ny, xx, xy, yy
+    way = radius * angle - sense * along, -sx, -sy, -sense * sxx, -sense * sxy, -sense * syy
+    _add(chain, c, link, x, y, fixed, gap, way, radius, 1.0, law)

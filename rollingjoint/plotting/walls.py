@@ -107,8 +107,9 @@ def wall_arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
 def places_and_forces(eq: Equilibrium) -> tuple[Array, Array]:
     """Place of every contact, and force on the link there, in the world, (C, 2) each [mm, N]."""
     assert eq.walls is not None
-    places, forces = (np.array(part) for part in zip(*((t.place, t.wall_force) for t in eq.wall_contacts), strict=True))
-    return to_world(eq.walls.base, places), forces @ rotation(eq.walls.base[2]).T
+    contacts, base = eq.wall_contacts, eq.walls.base
+    places, forces = (np.array([getattr(touch, name) for touch in contacts]) for name in ("place", "force_on_link"))
+    return to_world(base, places), forces @ rotation(base[2]).T
 
 
 def force_colors(equilibria: Sequence[Equilibrium]) -> ScalarMappable:

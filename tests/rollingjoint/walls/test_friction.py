@@ -40,7 +40,7 @@ def wrench(step, link):
         turn = side * curvature_at(centre, step.walls.base)
         scale = (1.0 - turn * (LUMEN - RADIUS)) / (1.0 - turn * (LUMEN - RADIUS - contact.gap))
         force = contact.force * contact.normal + scale * contact.friction * right
-        np.testing.assert_allclose(contact.wall_force, force, atol=1e-9)
+        np.testing.assert_allclose(contact.force_on_link, force, atol=1e-9)
         moment = centre[0] * force[1] - centre[1] * force[0] + RADIUS * contact.friction
         total += [*force, moment]
     return total

@@ -100,7 +100,7 @@ def test_forces_at_contacts_add_up_to_those_on_the_links(name):
     for feed in (-1.0, 0.0, 0.02, 1.0):
         step = solved(around, COMMANDS[0], base=(0.5, feed, 0.05), history=step)
     forces = np.zeros((CHAIN.n_links, 2))
-    np.add.at(forces, [contact.link for contact in step.wall_contacts], [c.wall_force for c in step.wall_contacts])
+    np.add.at(forces, [contact.link for contact in step.wall_contacts], [c.force_on_link for c in step.wall_contacts])
     assert max(abs(contact.friction) for contact in step.wall_contacts) > 0.05
     np.testing.assert_allclose(forces, step.wall_forces[:, :2], atol=1e-12)
 
