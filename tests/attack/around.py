@@ -9,6 +9,7 @@ from rollingjoint import Capsule, Disc, HalfPlane, Lumen, Polygon
 from tests.attack.planar import turned
 
 _STEPS = 1e-5, 1e-5, 1e-6  # mm, mm, rad: of central differences; fields have kinks in their slopes
+_BLEND = 0.005  # mm on either side of a joint in a lumen, over which the rate of the way goes from one to the other
 
 
 class Candidates:
@@ -72,10 +73,10 @@ class Candidates:
             if not rows.size:
                 continue
             pose, base = poses[rows, link], bases[rows]
-            push = np.zeros((rows.size, 3))
+            push, about = np.zeros((rows.size, 3)), _in_world(pose, base)
             for axis in range(3):
                 step = _STEPS[axis] * np.eye(3)[axis]
-                high, low = (fields(_in_world(pose + sign * step, base)) for sign in (1.0, -1.0))
+                high, low = (fields(_in_world(pose + sign * step, base), about) for sign in (1.0, -1.0))
                 gap, way = ((high[number] - low[number]) / (2.0 * _STEPS[axis]) for number in (0, 1))
                 push[:, axis] = forces[c, rows] * (gap - self.mu[c] * states[c, rows] * way)
             force[rows, link] += push[:, :2]
@@ -103,7 +104,7 @@ def _placed(point, pose):
 def _on_plane(point, radius, wall):
     nx, ny = wall.normal
 
-    def fields(pose):
+    def fields(pose, about=None):
         x, y = _placed(point, pose).T
         return nx * x + ny * y - wall.offset - radius, ny * x - nx * y + radius * pose[:, 2], np.ones(len(pose))
 
@@ -111,12 +112,40 @@ def _on_plane(point, radius, wall):
 
 
 def _in_lumen(point, radius, wall):
-    """The nearest point of every piece of the centre line; the nearest of them is the lumen's."""
+    """The nearest point of every piece of the centre line; the nearest of them is the lumen's.
+
+    about: poses about which the way is differentiated.
+    """
     lengths, curvatures, borders = np.array(wall.lengths), np.array(wall.curvatures), np.array(wall.borders)
     radii = np.broadcast_to(np.array(wall.radii, float), lengths.size + 1)
     starts = wall.pose(borders[:-1])
 
-    def fields(pose):
+    def rate(k, side, offset):
+        """Of the way by the arc length of a line at this offset from piece k; straight before and beyond all pieces."""
+        inside = (k >= 0) & (k < lengths.size)
+        k = np.clip(k, 0, lengths.size - 1)
+        curvature = np.where(inside, curvatures[k], 0.0)
+        return (1.0 - curvature * side * (0.5 * (radii[k] + radii[k + 1]) - radius)) / (1.0 - curvature * offset)
+
+    def blended(t, side, offset):
+        """What the blend at joints adds to the rate of the way by t."""
+        joint = np.abs(t[:, None] - borders).argmin(axis=1)
+        along = np.clip((t - borders[joint]) / _BLEND, -1.0, 1.0)
+        before, beyond = rate(joint - 1, side, offset), rate(joint, side, offset)
+        mean = 0.5 * ((1.0 - along) * before + (1.0 + along) * beyond)
+        piece = np.searchsorted(borders, t, side="right") - 1
+        inside = (piece >= 0) & (piece < lengths.size)
+        curvature = np.where(inside, curvatures[np.clip(piece, 0, lengths.size - 1)], 0.0)
+        return (mean - np.where(along < 0.0, before, beyond)) * (1.0 - curvature * offset)
+
+    def fields(pose, about=None):
+        t, side, _, gap, way = places(pose)
+        if about is not None:
+            there, its_side, its_offset, _, _ = places(about)
+            way = way - its_side * blended(there, its_side, its_offset) * (t - there)
+        return gap, way, side
+
+    def places(pose):
         at = _placed(point, pose)
         every = []
         for k, (length, curvature) in enumerate(zip(lengths, curvatures, strict=True)):
@@ -150,7 +179,7 @@ def _in_lumen(point, radius, wall):
         for k, curvature in enumerate(curvatures):
             inside = np.clip(t - borders[k], 0.0, lengths[k])
             way -= curvature * side * (0.5 * (radii[k] + radii[k + 1]) - radius) * inside
-        return gap, -side * way + radius * pose[:, 2], side
+        return t, side, offset, gap, -side * way + radius * pose[:, 2]
 
     return fields
 
@@ -175,7 +204,7 @@ def _on_disc(ends, radius, centre, other):
     axis = ends[1] - ends[0]
     length, angle = np.hypot(*axis), np.arctan2(axis[1], axis[0])
 
-    def fields(pose):
+    def fields(pose, about=None):
         u, v = turned(-(pose[:, 2] + angle), centre - _placed(ends[0], pose)).T
         way = _around(u, v, length, radius, other) + other * pose[:, 2]
         return _distance(u, v, length) - radius - other, way, np.ones(len(pose))
@@ -187,7 +216,7 @@ def _on_capsule(end, radius, axis, other):
     along = axis[1] - axis[0]
     length, angle = np.hypot(*along), np.arctan2(along[1], along[0])
 
-    def fields(pose):
+    def fields(pose, about=None):
         at = _placed(end, pose)
         u, v = turned(np.full(len(pose), -angle), at - axis[0]).T
         way = radius * pose[:, 2] - _around(u, v, length, other, radius)
