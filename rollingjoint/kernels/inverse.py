@@ -97,7 +97,7 @@ def _new_points(n_joints, n_tendons):
     )
 
 
-class _Scratch(NamedTuple):
+class _SearchScratch(NamedTuple):
     """Scratch space of a search."""
 
     H: Annotated[Floats, "J", "J"]
@@ -117,7 +117,7 @@ class _Scratch(NamedTuple):
 
 @part
 def _new_scratch(n_joints, n_tendons):
-    return _Scratch(
+    return _SearchScratch(
         np.zeros((n_joints, n_joints)),
         np.zeros((n_joints, n_joints + 1 + n_tendons)),
         np.zeros(n_tendons),
