@@ -237,11 +237,9 @@ class Model:
     def unstretched(self, values: dict[str, Array], arm: HingeChain, times: Array, motors: Array) -> Array:
         """Unstretched lengths that the motors leave at the times of a recording, (n, 9) [mm]."""
         if "delay" in values:
-            late = times - values["delay"][0]
-            motors = np.column_stack([np.interp(late, times, column) for column in motors.T])
+            motors = delayed(times, motors, values["delay"][0])
         if "play" in values:
-            half_width, behind = np.abs(values["play"]), motors[0]
-            motors = np.array([behind := play_step(behind, motor, half_width) for motor in motors])
+            motors = behind_play(motors, np.abs(values["play"]))
         return np.asarray(
             arm.neutral_lengths + self.value(values, "offset") - self.value(values, "gain") * motors, float
         )
@@ -298,8 +296,7 @@ class Model:
 
         def residuals(z: Array) -> Array:
             modelled = np.concatenate([self.tips(z, part, thin) for part in parts])
-            apart = (measured - measured.mean(axis=0)) - (modelled - modelled.mean(axis=0))
-            return np.concatenate([apart.ravel() / NOISE, z])
+            return np.concatenate([apart(measured, modelled).ravel() / NOISE, z])
 
         z, damping = np.zeros(self.size) if start is None else start, 1e-2
         now = residuals(z)
@@ -333,22 +330,32 @@ class Model:
         return z
 
 
+def delayed(times: Array, motors: Array, late: float) -> Array:
+    """Motors `late` seconds ago, (n, 9) [mm]."""
+    return np.column_stack([np.interp(times - late, times, column) for column in motors.T])
+
+
+def behind_play(motors: Array, half_width: Array | float) -> Array:
+    """Where tendons are that begin in the middle of plays, (n, 9) [mm]."""
+    behind = motors[0]
+    return np.array([behind := play_step(behind, motor, half_width) for motor in motors])
+
+
+def apart(measured: Array, modelled: Array) -> Array:
+    """Measured less modelled tips, both less their mean, (n, 3) [mm]."""
+    return (measured - measured.mean(axis=0)) - (modelled - modelled.mean(axis=0))
+
+
 def rms(measured: Array, modelled: Array) -> float:
-    """Root mean square distance of tips, both less their mean [mm]."""
-    apart = (measured - measured.mean(axis=0)) - (modelled - modelled.mean(axis=0))
-    return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+    """Root mean square of the distance `apart` [mm]."""
+    return float(np.sqrt(np.mean(np.sum(apart(measured, modelled) ** 2, axis=1))))
 
 
 def past_features(recording: Recording) -> Array:
     """Motors now, 0.6 and 2 s ago, behind plays of 0.3 and 1 mm, and how far they have paid out, (n, 54) [mm]."""
     times, motors = recording.times, recording.motors
-    features = [motors, np.minimum(motors, 0.0)]
-    for late in (0.6, 2.0):
-        features.append(np.column_stack([np.interp(times - late, times, column) for column in motors.T]))
-    for half_width in (0.3, 1.0):
-        behind = motors[0]
-        features.append(np.array([behind := play_step(behind, motor, half_width) for motor in motors]))
-    return np.hstack(features)
+    past = [delayed(times, motors, late) for late in (0.6, 2.0)]
+    return np.hstack([motors, np.minimum(motors, 0.0), *past, *(behind_play(motors, width) for width in (0.3, 1.0))])
 
 
 class Ridge(NamedTuple):
@@ -440,6 +447,8 @@ def picture(path: Path, recording: Recording, modelled: Array, title: str) -> No
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    from rollingjoint.plotting import save_figure
+
     measured = recording.tips - recording.tips.mean(axis=0)
     modelled = modelled - modelled.mean(axis=0)
     figure, axes = plt.subplot_mosaic([["above", "x"], ["above", "y"], ["above", "z"]], figsize=(13, 6))
@@ -453,7 +462,7 @@ def picture(path: Path, recording: Recording, modelled: Array, title: str) -> No
     axes["above"].legend(loc="upper right")
     axes["z"].set_xlabel("row")
     figure.tight_layout()
-    figure.savefig(path, dpi=80)
+    save_figure(figure, path, dpi=80)
     plt.close(figure)
 
 
@@ -469,6 +478,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     set_threads(1)
     try:
+        if given.picture:
+            from rollingjoint.plotting.figure import check_figure_path
+
+            check_figure_path(given.picture)
         recording = read_folder(given.fit, given.robot)
         scored = read(given.score) if given.score else recording
     except InvalidInput as error:

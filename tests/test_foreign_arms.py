@@ -129,6 +129,15 @@ def test_unusable_recordings_are_one_line(foreign_arms, text, told, tmp_path, ca
     assert printed.err.count("\n") == 1
 
 
+def test_picture_that_cannot_be_written_is_told_before_the_fit(foreign_arms, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        foreign_arms.main(
+            ["--robot", "v4", "--fit", str(tmp_path), "--picture", str(tmp_path / "missing" / "tips.png")]
+        )
+    printed = capsys.readouterr().err
+    assert "missing" in printed and "recordings" not in printed and printed.count("\n") == 1
+
+
 def test_missing_file_to_score_is_one_line(foreign_arms, tmp_path, capsys):
     recording, _, _ = made_recording(foreign_arms, np.random.default_rng(8), foreign_arms.CALIBRATED)
     written(tmp_path / "v4_train.csv", recording)

@@ -44,7 +44,7 @@ _OF_TRAINING = (
 
 def _checked(what: str, values: Any) -> tuple[Addition, ...]:
     if not isinstance(values, list | tuple) or len(values) > _MOST:
-        raise ConfigError(what, values, f"a list of at most {_MOST} names, or NAME: {{argument: value}}")
+        raise ConfigError(what, values, f"a list of at most {_MOST}, each NAME or NAME: {{argument: value}}")
     return tuple(_addition(what, value) for value in values)
 
 
@@ -84,8 +84,8 @@ def class_of(what: str, name: str, places: Mapping[str, str], kinds: tuple[type,
     """
     listed = {f"{prefix}{each}": place for prefix, place in places.items() for each in _classes(place, kinds)}
     ours = f"a class of {' or '.join(places.values())}"
-    module, colon, attribute = name.rpartition(":")
-    if colon:
+    module, _, attribute = name.rpartition(":")
+    if module:
         check_named(what, name, module, ours)
         place = imported(module)
     elif name in listed:
@@ -147,6 +147,17 @@ def are_scalar(wrappers: Sequence[Addition]) -> bool:
 def of_policy(wrappers: Sequence[Addition]) -> tuple[Addition, ...]:
     """The wrappers that a policy acts through: all but those of rewards, videos and windows."""
     return tuple(each for each in wrappers if not _is(each, _OF_TRAINING))
+
+
+class Unshown(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """A lane beside one in a window, with its render mode: Stable-Baselines3 wants one of all lanes."""
+
+    render_mode = "human"
+
+
+def are_shown(wrappers: Sequence[Addition]) -> bool:
+    """Whether wrappers of scalar environments show one in a window."""
+    return any(_is(each, _SHOWING) for each in wrappers)
 
 
 def of_other_lanes(wrappers: Sequence[Addition]) -> tuple[Addition, ...]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import gymnasium
 
-from agents.runs.additions import Addition, are_scalar, of_other_lanes, rendering, wrapped
+from agents.runs.additions import Addition, Unshown, are_scalar, are_shown, of_other_lanes, rendering, wrapped
 from agents.runs.checks import check_fields, integer, prefixed
 from agents.runs.consent import check_named
 from rollingjoint.errors import ConfigError
@@ -198,7 +198,11 @@ def make_lanes(config: EnvConfig, count: int, wrappers: Sequence[Addition] = ())
         from stable_baselines3.common.vec_env import DummyVecEnv
 
         one = partial(make_env, config, wrappers)
-        other = partial(make_env, config, of_other_lanes(wrappers), **rendering(wrappers))
+
+        def other() -> gymnasium.Env:
+            env = make_env(config, of_other_lanes(wrappers), **rendering(wrappers))
+            return Unshown(env) if are_shown(wrappers) else env
+
         return DummyVecEnv([one, *[other] * (count - 1)])
     from rj_gym.sb3 import SB3VecEnv
 

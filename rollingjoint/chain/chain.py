@@ -23,7 +23,7 @@ _T = TypeVar("_T")
 _SEARCHED = 101  # angles of a joint that a search for the shortest path tries
 
 
-class Spares(dict[int, list[Any]]):
+class Spares(dict[tuple[type[Any], int], list[Any]]):
     """Memory that is kept for the next use; copies and pickles of it are empty, since kernels know where it lies."""
 
     def __reduce__(self) -> tuple[type[Spares], tuple[()]]:
@@ -149,7 +149,7 @@ class Chain(ABC, Generic[S]):
 
     @cached_property
     def spares(self) -> Spares:
-        """Memory that solves leave for the next ones, by the number of load rows."""
+        """Memory that solves leave for the next ones, by its class and the number of load rows."""
         return Spares()
 
     @property

@@ -33,16 +33,16 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
     actuation.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tendon tensions [N]")
     actuation.add_argument("--lengths", nargs="+", type=float, metavar="L", help="tendon lengths [mm]")
     parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
-    add_tension_limits(parser)
+    add_tension_limits(parser, ", for --lengths")
     add_loads(parser)
     add_surroundings(parser)
     text = "contact points [mm], or hinge angles of an arm [rad], to start from"
     parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
 
 
-def add_tension_limits(parser: argparse.ArgumentParser) -> None:
-    """Adds the limits of tensions."""
-    text = "minimum and maximum tendon tension [N], for --lengths"
+def add_tension_limits(parser: argparse.ArgumentParser, use: str = "") -> None:
+    """Adds the limits of tensions. use: added to the help, where they have no effect without another option."""
+    text = f"minimum and maximum tendon tension [N]{use}"
     parser.add_argument("--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help=text)
 
 

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from rollingjoint.chain.chain import AnyChain
+from rollingjoint.checks import as_integer
 from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of, tension_limits_of
-from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
-from rollingjoint.inverse.search import INPUTS
+from rollingjoint.inverse.search import INPUTS, STARTS
+from rollingjoint.inverse.starts import SAMPLES
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.tables import number_table
-
-_MOST_STARTS = 256
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +29,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--prefer", choices=PREFERENCES, default=PREFERENCES[0], help="of many solutions (default tension)"
     )
     parser.add_argument("--inputs", choices=INPUTS, default=INPUTS[0], help="what holds the pose (default lengths)")
-    parser.add_argument("--starts", type=int, default=12, metavar="N", help="that are tried, at most 256 (default 12)")
+    text = f"that are tried, at most {SAMPLES} (default {STARTS})"
+    parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=text)
     add_loads(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     parser.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
@@ -39,15 +39,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Reach:
     """Print the result; returns it."""
     mechanism = load_mechanism(args.mechanism)
-    if not 1 <= args.starts <= _MOST_STARTS:
-        raise InvalidInput("--starts", args.starts, f"a number from 1 to {_MOST_STARTS}")
     result = reach(
         mechanism,
         _target(args.tip, mechanism),
         loads_of(args, mechanism),
         inputs=args.inputs,
         prefer=args.prefer,
-        starts=args.starts,
+        starts=as_integer("--starts", args.starts, 1, SAMPLES),
         **tension_limits_of(args),
     )
     print(json.dumps(_as_dict(result), indent=2, allow_nan=False) if args.json else _as_text(result))

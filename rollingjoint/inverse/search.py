@@ -269,7 +269,7 @@ class _Searches:
         """
         goal, chain = self.goal.take(rows), self.batch.chains[0]
         low, high = (np.repeat(limit[None], len(rows), axis=0) for limit in self.limits)
-        weights, lever = np.array([1.0, goal.lever]), np.array([goal.size])
+        lever, size = np.array([goal.lever]), np.array([goal.size])
         lengths, distance, (iterations, outcome) = (
             np.zeros_like(low),
             np.zeros(len(rows)),
@@ -284,8 +284,8 @@ class _Searches:
             goal.links,
             goal.points,
             goal.frames,
-            weights,
             lever,
+            size,
             angles,
             tensions,
             lengths,

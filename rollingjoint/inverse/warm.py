@@ -18,7 +18,7 @@ from rollingjoint.statics.slot import spare_slot
 Array = NDArray[np.float64]
 
 
-class _SearchRoom:
+class _SearchSlot:
     """Room for one search for a tip of a mechanism under a number of load rows, used by one thread at a time."""
 
     def __init__(self, chain: AnyChain, rows: int) -> None:
@@ -33,8 +33,8 @@ class _SearchRoom:
             links=np.array([chain.n_links - 1]),
             points=np.zeros((1, 1, 3)),
             frames=np.zeros((1, 0, 9)),
-            weights=np.array([1.0, 0.0]),
-            lever=np.array([float(chain.length)]),
+            lever=np.zeros(1),
+            size=np.array([float(chain.length)]),
             angles=np.zeros((1, n_joints)),
             tensions=tensions,
             lengths=lengths,
@@ -44,7 +44,7 @@ class _SearchRoom:
         )
         self.arrays = chain.arrays
         kind: Any = type(self.arrays)
-        self.search = partial(machine_code(kernels.reach_rows, kind, kernels.InverseRows, int, int), self.arrays)
+        self.run = partial(machine_code(kernels.reach_rows, kind, kernels.InverseRows, int, int), self.arrays)
 
 
 def reach_from(
@@ -59,22 +59,16 @@ def reach_from(
 
     limits: numbers or (m,) [N]. start: an equilibrium. The distance is infinite where the search finds none.
     """
-    spares = chain.spares.setdefault(-1 - len(table), [])  # apart from the slots of solves
-    try:
-        memory = spares.pop()  # in one step, whichever threads come together
-    except IndexError:
-        memory = _SearchRoom(chain, len(table))
-    if memory.arrays is not chain.arrays:
-        memory = _SearchRoom(chain, len(table))
-    rows, (low, high) = memory.rows, limits
+    search, spares = spare_slot(chain, len(table), _SearchSlot)
+    rows, (low, high) = search.rows, limits
     rows.loads[...] = table
     rows.low[...], rows.high[...], rows.preferred[...] = low, high, preferred
     rows.points[0, 0, : len(tip)] = tip
     rows.angles[...], rows.tensions[...] = start.joint_angles, start.tensions
-    memory.search(rows, 0, 1)
+    search.run(rows, 0, 1)
     lengths = rows.lengths[0] - rows.tensions[0] / chain.stiffnesses
     found, steps = rows.outcome.item() <= kernels.STOPPED, rows.iterations.item()
-    spares.append(memory)
+    spares.append(search)
     if not found:
         return None, lengths, math.inf, steps
     slot, slots = spare_slot(chain, len(table))

@@ -83,17 +83,18 @@ def full_law(law: Law, n_tendons: int) -> TendonLaw:
     return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
-def spare_slot(mechanism: AnyChain, rows: int) -> tuple[Slot, list[Any]]:
+def spare_slot(mechanism: AnyChain, rows: int, kind: type[Any] = Slot) -> tuple[Any, list[Any]]:
     """An unused slot of the mechanism, and the list to put it back into.
 
+    kind: of the slot, made by kind(mechanism, rows); its `arrays` are the mechanism's.
     Lists pop and append in one step, safe between threads; after an interrupted solve a slot is not put back, since an
     abandoned thread may still be writing into it.
     """
-    spares = mechanism.spares.setdefault(rows, [])
+    spares = mechanism.spares.setdefault((kind, rows), [])
     try:
         slot = spares.pop()
     except IndexError:
-        return Slot(mechanism, rows), spares
+        return kind(mechanism, rows), spares
     if slot.arrays is not mechanism.arrays:  # the slot of a mechanism from which this one was copied with other numbers
-        slot = Slot(mechanism, rows)
+        slot = kind(mechanism, rows)
     return slot, spares

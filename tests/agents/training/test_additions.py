@@ -156,6 +156,16 @@ def test_one_of_the_environments_is_filmed(tmp_path, monkeypatch):
     assert Filmed.made == ["rl-video-episode-0", "rl-video-episode-1"]
 
 
+def test_one_of_the_environments_is_shown(monkeypatch):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    lanes = make_lanes(EnvConfig(settings={"episode_steps": 3}), 3, ({"HumanRendering": {}},))
+    lanes.reset()
+    assert [env.get_wrapper_attr("render_mode") for env in lanes.envs] == ["human"] * 3
+    assert pygame.display.get_init()
+    lanes.close()
+
+
 class Follower:
     """What wandb.init returns, and what it was told."""
 
@@ -227,6 +237,7 @@ SCALAR, NATIVE = "TimeAwareObservation", {"vector.ClipReward": {"min_reward": -1
         ("demo", {"wrappers": [{SCALAR: 3}]}, ["NAME: {argument: value}"]),
         ("demo", {"wrappers": ["TimeAware"]}, ["Did you mean 'TimeAwareObservation'?"]),
         ("demo", {"wrappers": ["stranger:Wrapper"]}, ["--import stranger"]),
+        ("demo", {"wrappers": [":Wrapper"]}, ["MODULE:CLASS"]),
         ("demo", {"wrappers": ["gymnasium:make"]}, ["a subclass of Wrapper or VectorWrapper"]),
         ("demo", {"wrappers": [{SCALAR: {"speed": 2}}]}, ["speed", "arguments that TimeAwareObservation takes"]),
         ("demo", {"wrappers": [SCALAR, NATIVE]}, ["all of scalar environments, or all of vector"]),
