@@ -56,8 +56,9 @@ def run(args: argparse.Namespace) -> Reach:
 
 def _target(values: list[float], mechanism: AnyChain) -> list[float]:
     """The target: coordinates, or in the plane a pose."""
-    d = mechanism.dimension
-    return counted("--tip", values, 3 if d == 2 and len(values) == 3 else d)
+    if mechanism.dimension == 2 and len(values) not in (2, 3):
+        raise InvalidInput("--tip", values, "2 numbers x, y for this mechanism, or 3 with the angle of the last link")
+    return counted("--tip", values, len(values) if mechanism.dimension == 2 else 3)
 
 
 def _as_text(result: Reach) -> str:

@@ -135,6 +135,7 @@ def test_wrong_shapes_and_words_are_one_line():
         lambda: rj.reach(chain, (1.0, 2.0), inputs="angles"),
         lambda: rj.reach(chain, (1.0, 2.0), prefer="margins"),
         lambda: rj.reach(chain, (1.0, 2.0), starts=0),
+        lambda: rj.reach(chain, (1.0, 2.0), start=[0.0, 0.0]),
         lambda: rj.reach("five_link", (1.0, 2.0)),
         lambda: rj.reach_batch([], [(1.0, 2.0)]),
     ):

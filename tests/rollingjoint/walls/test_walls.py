@@ -179,6 +179,7 @@ def test_a_snap_through_is_a_jump():
     first = solved(around, REST, base=(0, 0, 0))
     near = solved(around, REST + np.array([-0.2, 0.2, 0.0, 0.0]), base=(0, 0, 0), start=first)
     assert not near.jumped
+    assert not solved(around, REST, base=(0, 0, 0)).jumped  # no start promises a pose
 
 
 def test_wrong_inputs_are_named():
