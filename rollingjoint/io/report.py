@@ -85,7 +85,7 @@ def _wall_table(equilibrium: Solution) -> list[str]:
         + [fixed(touch.state, 2)]
         for touch in equilibrium.wall_contacts
     ]
-    forces = f"insertion force {fixed(equilibrium.insertion_force, 4)} N{', jumped' * bool(equilibrium.jumped)}"
+    forces = f"insertion force {fixed(float(equilibrium.insertion_force), 4)} N{', jumped' * bool(equilibrium.jumped)}"
     return [text_table(head, rows, left=0) if rows else "no link touches a wall", forces]
 
 
