@@ -33,7 +33,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=int, default=12, metavar="N", help="that are tried, at most 256 (default 12)")
     add_loads(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
-    parser.add_argument("--plot", metavar="FILE", help="also draw it, the target as a cross; the suffix sets the format")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw it, the target as a cross; the suffix sets the format"
+    )
 
 
 def run(args: argparse.Namespace) -> Reach:
