@@ -11,12 +11,13 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot
+from matplotlib.axes import Axes
 
 import rollingjoint as rj
 from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts, save_figure
 from rollingjoint.tables import text_table
 
-LUMEN = rj.Lumen.through([(0, 0), (0, 55), (-30, 90), (-30, 150)], radii=8.0, bend_radius=35.0, stiffness=2.0)
+LUMEN = rj.Lumen.through([(0, 0), (55, 0), (90, 30), (150, 30)], radii=8.0, bend_radius=35.0, stiffness=2.0)
 FRICTIONS = (0.0, 0.1, 0.2)
 TURN = np.concatenate([np.linspace(0, 0.4, 21)[1:], np.linspace(1, 20, 20)])  # small steps, where contacts stick
 FEEDS = np.concatenate([np.linspace(-40, 40, 81), 40 - TURN, 20 + TURN])  # mm
@@ -32,14 +33,20 @@ def main(argv: list[str] | None = None) -> None:
     paths = [pushed(chain, mu) for mu in FRICTIONS]
     print("\n".join(table(paths)), end="\n\n")
     shown, pushing = paths[-1], (20, 50, END)
+    labels = [f"base at {FEEDS[i]:g} mm" for i in pushing]
     figures = {
-        "surroundings_push": plot_family([shown[i] for i in pushing], [f"{FEEDS[i]:g} mm" for i in pushing]).figure,
-        "surroundings_end": plot_mechanism(shown[END], contacts=False).figure,
+        "surroundings_push": plot_family([shown[i] for i in pushing], labels, lying_axes()).figure,
+        "surroundings_end": plot_mechanism(shown[END], lying_axes(), contacts=False).figure,
         "surroundings_stick_slip": plot_wall_contacts(shown, FEEDS),
     }
     for name, figure in figures.items():
-        print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=80)}")
+        print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=110)}")
         pyplot.close(figure)
+
+
+def lying_axes() -> Axes:
+    """Axes for a lumen that lies."""
+    return pyplot.subplots(figsize=(9.0, 3.7), layout="constrained")[1]
 
 
 def pushed(chain: rj.RollingChain, mu: float) -> list[rj.Equilibrium]:
@@ -47,9 +54,9 @@ def pushed(chain: rj.RollingChain, mu: float) -> list[rj.Equilibrium]:
     around = rj.Surroundings([LUMEN], rj.Sleeve(5.0), rj.WallFriction(mu))
     lengths = chain.neutral_lengths - 2.0 / chain.stiffnesses  # 2 N in every tendon where the chain is straight
     settings = {"surroundings": around, "tension_limits": (0.5, 15.0)}
-    path = [rj.solve_lengths(chain, lengths, base=(0.0, FEEDS[0], 0.0), **settings)]
+    path = [rj.solve_lengths(chain, lengths, base=(FEEDS[0], 0.0, -np.pi / 2), **settings)]
     for feed in FEEDS[1:]:
-        path.append(rj.solve_lengths(chain, lengths, base=(0.0, feed, 0.0), history=path[-1], **settings))
+        path.append(rj.solve_lengths(chain, lengths, base=(feed, 0.0, -np.pi / 2), history=path[-1], **settings))
     assert all(equilibrium.ok for equilibrium in path)
     return path
 

@@ -35,7 +35,7 @@ def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int 
 
 def number_table(head: Sequence[str], rows: Iterable[Sequence[float]], digits: Sequence[int]) -> str:
     """Aligned columns: an index, then numbers with that many digits each."""
-    body = [[str(row[0]), *(_fixed(value, d) for value, d in zip(row[1:], digits, strict=True))] for row in rows]
+    body = [[str(row[0]), *(fixed(value, d) for value, d in zip(row[1:], digits, strict=True))] for row in rows]
     return text_table(head, body, left=0)
 
 
@@ -82,8 +82,8 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: 
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, align, *rows])
 
 
-def _fixed(value: float, digits: int) -> str:
-    """Fixed-point text without a negative zero."""
+def fixed(value: float, digits: int) -> str:
+    """Fixed-point text with so many digits behind the point, without a negative zero."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 

@@ -360,7 +360,7 @@ class Solution(ABC):
     def jumped(self) -> bool | NDArray[np.bool_]:
         """True where a joint moved farther than 0.05 rad and thrice the tangent at the start: a snap-through at walls.
 
-        It means something where the start was an equilibrium nearby; False without surroundings.
+        It means something where the start was an equilibrium nearby; False without a start, and without surroundings.
         """
         if self.walls is not None:
             return self.walls.jumped

@@ -110,7 +110,8 @@ def _reach(args: argparse.Namespace) -> int:
     _check_picture(args.plot)
     result = reach_command.run(args)
     if args.plot:
-        _draw(result.equilibrium, args.plot, report.FRICTION)
+        target = args.tip[: result.equilibrium.mechanism.dimension]
+        _draw(result.equilibrium, args.plot, report.FRICTION, target)
     return OK if result.ok else NOT_USABLE
 
 
@@ -179,10 +180,14 @@ def _check_picture(path: str | None) -> None:
         check_figure_path(path)
 
 
-def _draw(what: AnyChain | Solution, path: str, friction: float) -> None:
+def _draw(what: AnyChain | Solution, path: str, friction: float, target: Sequence[float] = ()) -> None:
+    """Draw a mechanism or an equilibrium into a file, with a cross at a target of the tip."""
     from rollingjoint.plotting.figure import figure_of, save_figure
 
-    save_figure(figure_of(what, friction), path)
+    figure = figure_of(what, friction)
+    if target:
+        figure.axes[0].plot(*([x] for x in target), "x", color="#D55E00", markersize=9, markeredgewidth=2, zorder=9)
+    save_figure(figure, path)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -11,6 +11,7 @@ import numpy as np
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_integer
 from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of, tension_limits_of
+from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
 from rollingjoint.inverse.search import INPUTS, STARTS
 from rollingjoint.inverse.starts import SAMPLES
@@ -33,7 +34,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=text)
     add_loads(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
-    parser.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw it, the target as a cross; the suffix sets the format"
+    )
 
 
 def run(args: argparse.Namespace) -> Reach:
@@ -54,8 +57,9 @@ def run(args: argparse.Namespace) -> Reach:
 
 def _target(values: list[float], mechanism: AnyChain) -> list[float]:
     """The target: coordinates, or in the plane a pose."""
-    d = mechanism.dimension
-    return counted("--tip", values, 3 if d == 2 and len(values) == 3 else d)
+    if mechanism.dimension == 2 and len(values) not in (2, 3):
+        raise InvalidInput("--tip", values, "2 numbers x, y for this mechanism, or 3 with the angle of the last link")
+    return counted("--tip", values, len(values) if mechanism.dimension == 2 else 3)
 
 
 def _as_text(result: Reach) -> str:

@@ -13,7 +13,7 @@ from rollingjoint.identify.findings import Estimates, Findings
 from rollingjoint.identify.measurements import QUANTITIES
 from rollingjoint.identify.parameters import Coefficient
 from rollingjoint.identify.ranges import Ranges
-from rollingjoint.tables import text_table
+from rollingjoint.tables import fixed, text_table
 
 _COLUMNS = {
     "nominal": "nominal",
@@ -101,7 +101,7 @@ def _parameters(findings: Findings) -> str:
             coefficient.label,
             coefficient.kind.unit or "1",
             f"{nominal:g}",
-            _fixed(findings.together.values[place], digits),
+            fixed(findings.together.values[place], digits),
         ]
         row.append(_interval(findings.together, place, digits))
         for run in runs:
@@ -115,24 +115,20 @@ def _alone(estimates: Estimates, coefficient: Coefficient, digits: int) -> str:
     if coefficient not in estimates.coefficients:
         return ""
     place = estimates.coefficients.index(coefficient)
-    return f"{_fixed(estimates.values[place], digits)} ({_interval(estimates, place, digits)})"
+    return f"{fixed(estimates.values[place], digits)} ({_interval(estimates, place, digits)})"
 
 
 def _interval(estimates: Estimates, place: int, digits: int) -> str:
     if not estimates.fit.determined[place]:
         return "not determined"
     low, high = estimates.profiles[place].interval
-    return f"{_fixed(low, digits)} to {_fixed(high, digits)}"
+    return f"{fixed(low, digits)} to {fixed(high, digits)}"
 
 
 def _digits(estimates: Estimates, place: int) -> int:
     """Decimals that show an interval to two digits, 2 to 5."""
     low, high = estimates.profiles[place].interval
     return int(np.clip(2 - np.floor(np.log10(max(high - low, 1e-12))), 2, 5)) - (high - low >= 1)
-
-
-def _fixed(value: float, digits: int) -> str:
-    return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
 def _errors(findings: Findings, quantity: str) -> str:

@@ -25,7 +25,7 @@ from rollingjoint.kernels import inverse as kernels
 from rollingjoint.kernels.arrays import LARGEST_INPUT, TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.batch import Batch, prescribed
-from rollingjoint.statics.inputs import Start, broadcast_limits, start_of, tension_limits_of
+from rollingjoint.statics.inputs import Start, angles_of, broadcast_limits, start_of, tension_limits_of
 from rollingjoint.threads import run_in_threads
 from rollingjoint.transmission import unstretched_length
 
@@ -91,6 +91,7 @@ def reach(
             return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
     goal = Goal.of(mechanism, tip, _checked_lever(lever), single=True)
     search = _Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
+    angles_of(mechanism, start.equilibrium if isinstance(start, Reach) else start, None)  # as those of one solve
     return search.run(start, as_integer("starts", starts, 1)).row(0)
 
 

@@ -13,7 +13,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.status import Status
 from rollingjoint.chain.wall_step import WallContact
-from rollingjoint.tables import column_dicts, column_table, number_table, text_table
+from rollingjoint.tables import column_dicts, column_table, fixed, number_table, text_table
 
 Array = NDArray[np.float64]
 
@@ -81,11 +81,11 @@ def _wall_table(equilibrium: Solution) -> list[str]:
     head = ("link", "wall", "x [mm]", "y [mm]", "gap [mm]", "normal [N]", "friction [N]", "state")
     rows = [
         [str(touch.link), _wall(touch)]
-        + [f"{value + 0.0:.4f}" for value in (*touch.place, touch.gap, touch.force, touch.friction)]
-        + [f"{touch.state + 0.0:.2f}"]
+        + [fixed(value, 4) for value in (*touch.place, touch.gap, touch.force, touch.friction)]
+        + [fixed(touch.state, 2)]
         for touch in equilibrium.wall_contacts
     ]
-    forces = f"insertion force {equilibrium.insertion_force + 0.0:.4f} N{', jumped' * bool(equilibrium.jumped)}"
+    forces = f"insertion force {fixed(float(equilibrium.insertion_force), 4)} N{', jumped' * bool(equilibrium.jumped)}"
     return [text_table(head, rows, left=0) if rows else "no link touches a wall", forces]
 
 

@@ -103,6 +103,8 @@ class Batch:
         rows, mechanism = len(self.inputs), self.mechanism if self.variations is None else self.chains[0]
         walls = walls_around(mechanism, surroundings, base, rows)
         solution = self._step_among(laws, tables, angles, before[1], walls)
+        if all(each is None for each in before):  # the mechanism at rest promises no pose
+            solution = replace(solution, walls=replace(solution.walls, jumped=np.zeros(rows, bool)))
         at = next((each for each in before if isinstance(each, Solution) and each.walls is not None), None)
         if at is None or not has_obstacles(walls.walls):
             return solution

@@ -223,7 +223,8 @@ class Lumen(Boundary):
         if folds.max() >= 1.0:
             piece = int(np.argmax(folds))
             allowed = f"less than the bend radius of piece {piece}, {1.0 / abs(self.curvatures[piece]):.4g} mm"
-            raise InvalidInput("Lumen radii", max(radii[piece : piece + 2]), allowed, "Else the inner wall folds.")
+            largest = float(radii[piece : piece + 2].max())
+            raise InvalidInput("Lumen radii", largest, allowed, "Else the inner wall folds.")
 
     def _check_overlap(self) -> None:
         """Raise InvalidInput if places far from each other along the lumen share points of the plane."""

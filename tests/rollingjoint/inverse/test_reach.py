@@ -135,6 +135,7 @@ def test_wrong_shapes_and_words_are_one_line():
         lambda: rj.reach(chain, (1.0, 2.0), inputs="angles"),
         lambda: rj.reach(chain, (1.0, 2.0), prefer="margins"),
         lambda: rj.reach(chain, (1.0, 2.0), starts=0),
+        lambda: rj.reach(chain, (1.0, 2.0), start=[0.0, 0.0]),
         lambda: rj.reach("five_link", (1.0, 2.0)),
         lambda: rj.reach_batch([], [(1.0, 2.0)]),
     ):
@@ -187,3 +188,16 @@ def test_the_command_exits_with_3_where_the_target_is_out_of_reach(capsys):
     assert "OUT_OF_REACH" in capsys.readouterr().out
     assert main(["reach", "five_link", "--tip", "1"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_picture_of_the_command_has_a_cross_at_the_target(tmp_path):
+    from matplotlib import image
+
+    from rollingjoint.cli import main
+
+    assert main(["reach", "five_link", "--tip", "-20", "95", "--plot", str(tmp_path / "a.png")]) == 3
+    lengths = rj.reach(rj.five_link(), (-20.0, 95.0)).lengths
+    assert main(["plot", "five_link", "--lengths", *map(str, lengths), "--out", str(tmp_path / "b.png")]) == 0
+    orange = np.array([0xD5, 0x5E, 0x00]) / 255.0
+    near = [np.abs(image.imread(tmp_path / name)[..., :3] - orange).max(axis=-1) < 0.01 for name in ("a.png", "b.png")]
+    assert near[0].any() and not near[1].any()

@@ -230,7 +230,7 @@ def test_lumen_fits_points_of_arcs_with_noise():
         ),
         (
             lambda: Lumen([10, 10], [0.0, 0.2], 5.0),
-            "less than the bend radius of piece 1, 5 mm. Else the inner wall folds.",
+            "Lumen radii = 5.0: expected less than the bend radius of piece 1, 5 mm. Else the inner wall folds.",
         ),
         (lambda: Lumen([10], [0.0], [5.0, 11.0]), "Piece 0 of 10 mm goes from 5 to 11 mm."),
         (lambda: Lumen([200.0], [0.05], 5.0), "stays clear of itself, its straight ends included"),

@@ -202,6 +202,7 @@ def test_a_snap_through_is_a_jump():
     (slipped,) = np.flatnonzero(touching[:-1] & ~touching[1:]) + 1
     assert np.flatnonzero([step.jumped for step in steps]).tolist() == [slipped]
     assert np.abs(steps[slipped].joint_angles - steps[slipped - 1].joint_angles).max() > 0.3
+    assert not solved(around, REST, base=(slipped, 0, 0)).jumped  # no start promises a pose
 
 
 def test_wrong_inputs_are_named():
