@@ -144,6 +144,11 @@ class Smoother:
         return self._track.links
 
     @property
+    def joint_angles(self) -> Array:
+        """Of the nominal chain where the history was last followed, (N, n - 1) [rad]."""
+        return self._track.angles
+
+    @property
     def priors(self) -> Integers:
         """Which prior explains the measurements best, (N,): 0, or 1 where it is the worn mechanism."""
         return self._track.priors
