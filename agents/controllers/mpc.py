@@ -21,7 +21,7 @@ from agents.controllers.filters.estimate import Estimate
 from agents.controllers.horizon import Goals, Plans, Stages, improve
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import cross_play
-from agents.controllers.measured import unstretched
+from agents.controllers.measured import balanced, unstretched
 from agents.controllers.privileged_feedback import PrivilegedFeedback, Truth
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import KEEP, FeedbackSettings, pulling_in
@@ -52,7 +52,7 @@ class MpcSettings(Settings):
 
     _SECTION: ClassVar[str] = "mpc."
     horizon: int = 10
-    solves: int = 6
+    solves: int = 4
     bend: float = 0.0
     estimated: bool = False
 
@@ -252,10 +252,12 @@ class Mpc(JacobianFeedback):
 
     def belief(self, reading: Reading) -> Belief:
         """The measured pose, and the load that explains it."""
-        measured = self.measured
-        moments = self.task.dimension == 2 and not self.mpc.mpc.estimated
-        model = measured.unloaded(reading) if moments else measured.loaded(reading)[0]
-        return _belief_of(model, reading.tip, reading.tensions)
+        mechanism, tensions = self.task.mechanism, reading.tensions
+        if self.task.dimension == 3 or self.mpc.mpc.estimated:
+            return _belief_of(self.measured.loaded(reading)[0], reading.tip, tensions)
+        stiff = np.broadcast_to(mechanism.stiffnesses, tensions.shape)
+        commands, loads = balanced(mechanism, reading)
+        return Belief(commands, stiff, loads, reading.joint_angles, reading.tip, tensions)
 
 
 class PrivilegedMpc(PrivilegedFeedback):
