@@ -2,7 +2,7 @@
 
 The commands of the tendons at stage s are those of now and the moves d_1 ... d_s. A stage costs, with its equilibrium,
 
-    |tip - target|² + stiffen² (high - largest tension)² + keep² |tensions beyond their limits|² + damping² |d_s|².
+    fade^(s-1) (|tip - target|² + stiffen² (high - largest tension)² + keep² |tensions beyond limits|²) + damping² |d_s|².
 
 Every stage is expanded about its equilibrium by the implicit function theorem: exact rates, Gauss-Newton squares. The
 moves within their bounds that minimise the expanded sum come from a sweep backwards and one forwards.
@@ -106,7 +106,7 @@ def improve(stages, goals, plans, weights, begins, ends):
     """Take the solved trial plans over where they cost less, and put the next trial into commands and starts.
 
     Args:
-        weights: stiffen, damping, keep, and the largest move [mm].
+        weights: stiffen, damping, keep, fade, and the largest move [mm].
         begins: whether the trials are the first plans of a step. ends: whether there is no next trial.
     """
     n_episodes, N, m = plans.moves.shape
@@ -149,7 +149,8 @@ def _tension(stages, row, j):
 @part
 def _expand(stages, goals, plans, weights, row, b, s, scratch):
     """The cost of a stage; fills its half slope and half hessian by the commands, and the turns of its joints."""
-    stiffen, damping, keep, _ = weights
+    stiffen, damping, keep, fade, _ = weights
+    weight = fade**s
     m, cost = plans.trial.shape[2], 0.0
     usable = stages.status[row] <= USABLE and _fill_turns(stages, row, scratch.joint_system, scratch.turns[s])
     _fill_rates(stages, row, usable, scratch, s)
@@ -162,7 +163,7 @@ def _expand(stages, goals, plans, weights, row, b, s, scratch):
     if usable:
         for axis in range(goals.tips.shape[1]):
             off = stages.tips[row, axis] + plans.tip_offsets[b, axis] - goals.targets[b, s, axis]
-            cost += _add(off, 1.0, scratch.tip_by[axis], slope, hessian)
+            cost += _add(off, weight, scratch.tip_by[axis], slope, hessian)
     else:
         cost += LOST
     least, place, mean = math.inf, 0, 0.0
@@ -173,14 +174,14 @@ def _expand(stages, goals, plans, weights, row, b, s, scratch):
             least, place = goals.high[b, j] - tension, j
         beyond = min(tension - goals.low[b, j], 0.0) + max(tension - goals.high[b, j], 0.0)
         if beyond != 0.0:
-            cost += _add(beyond, keep**2, scratch.tensions_by[j], slope, hessian)
+            cost += _add(beyond, weight * keep**2, scratch.tensions_by[j], slope, hessian)
     if math.isnan(goals.level[b]):
-        return cost + _add(-least, stiffen**2, scratch.tensions_by[place], slope, hessian)
+        return cost + _add(-least, weight * stiffen**2, scratch.tensions_by[place], slope, hessian)
     for i in range(m):
         scratch.row[i] = 0.0
         for j in range(m):
             scratch.row[i] += scratch.tensions_by[j, i] / m
-    return cost + _add(mean - goals.level[b], stiffen**2, scratch.row, slope, hessian)
+    return cost + _add(mean - goals.level[b], weight * stiffen**2, scratch.row, slope, hessian)
 
 
 @part(inline=True)
@@ -262,7 +263,7 @@ def _mean_diagonal(hessians):
 @part
 def _sweep_back(plans, weights, b, scratch):
     """Fill the steps and gains of all moves: the best ones for the expanded costs of the stages from each on."""
-    _, damping, _, limit = weights
+    damping, limit = weights[1], weights[4]
     N, m = plans.moves.shape[1:]
     value, slope, before, change = scratch.value, scratch.slope, scratch.before, scratch.change
     value[:], slope[:] = 0.0, 0.0
@@ -337,7 +338,7 @@ def _bounded_step(value, more, slope, effort, move, limit, step, gain, scratch):
 @part
 def _sweep_forth(stages, plans, weights, now, b, scratch):
     """Fill the trial: steps, and gains over how far the commands are from those of the best plan."""
-    limit, (N, m), change = weights[3], plans.moves.shape[1:], scratch.change
+    limit, (N, m), change = weights[4], plans.moves.shape[1:], scratch.change
     change[:] = 0.0
     for s in range(N):
         for i in range(m):

@@ -45,6 +45,7 @@ class MpcSettings(Settings):
     Args:
         horizon: steps that are planned.
         solves: of all stages in every step; one less than that improve the plan.
+        fade: weight of a step over that of the one before: far ones are less certain.
         bend: share of the last change of the target's motion that goes on in the next step, and so on.
         estimated: whether the load of a chain in the plane is a force on one link, which is estimated; else moments on
             all links that balance the measured tensions, and stay as they are.
@@ -53,13 +54,14 @@ class MpcSettings(Settings):
     _SECTION: ClassVar[str] = "mpc."
     horizon: int = 10
     solves: int = 4
-    bend: float = 0.0
-    estimated: bool = False
+    fade: float = 1.0
+    bend: float = 0.984
+    estimated: bool = True
 
     def __post_init__(self) -> None:
         self._check(as_integer, "horizon", low=1, high=1000)
         self._check(as_integer, "solves", low=1, high=100)
-        self._check(as_number, "bend", low=0.0, high=1.0)
+        self._check(as_number, "bend", "fade", low=0.0, high=1.0)
         self._check(as_boolean, "estimated")
 
 
@@ -126,7 +128,8 @@ class Planner:
 
     def __init__(self, task: TrackingTask, settings: MpcSettings, feedback: FeedbackSettings) -> None:
         self.task, self.settings, self.feedback = task, settings, feedback
-        self._weights = feedback.stiffen, feedback.damping, KEEP, task.config.action_scale_mm
+        limit = task.config.action_scale_mm
+        self._weights = feedback.stiffen, feedback.damping, KEEP, settings.fade, limit
         load, columns = task.config.load, list(task.mechanism.load_columns)
         wanders = load.process == "ou" and task.dimension == 2
         memory = math.exp(-1.0 / load.correlation_steps) if wanders else 1.0
@@ -139,7 +142,7 @@ class Planner:
 
     def _bind(self) -> None:
         self._rows: dict[tuple[int, int], _Rows] = {}
-        self._improve = machine_code(improve, Stages, Goals, Plans, (0.0,) * 4, bool, bool)
+        self._improve = machine_code(improve, Stages, Goals, Plans, (0.0,) * 5, bool, bool)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("_rows", "_improve")}
@@ -213,7 +216,7 @@ class MpcFeedbackSettings(Settings):
 
     _NESTED: ClassVar[dict[str, type[Settings]]] = {"mpc": MpcSettings, "feedback": FeedbackSettings}
     mpc: MpcSettings = field(default_factory=MpcSettings)
-    feedback: FeedbackSettings = field(default_factory=FeedbackSettings)
+    feedback: FeedbackSettings = FeedbackSettings(gain=0.969, stiffen=0.094, damping=1.0)
 
     def __post_init__(self) -> None:
         self._check_nested(self._NESTED)

@@ -11,6 +11,7 @@ from typing import Any
 from agents.controllers.controller import Controller
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
 from agents.controllers.jacobian_feedback import JacobianFeedback
+from agents.controllers.mpc import FilterMpc, FilterMpcSettings, SmootherMpc, SmootherMpcSettings
 from agents.controllers.open_loop import OpenLoop
 from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform, with_settings
 from agents.controllers.smith_predictor import SmithPredictor
@@ -66,6 +67,20 @@ def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
     def make(settings: Settings) -> Controller:
         filters = {"filter": tuned_settings(env_id, bank)["filter"]}
         return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
+
+    return make
+
+
+def _mpc_in(env_id: str, belief: str) -> Callable[[Settings], Controller]:
+    """Predictive control from the tuned smoother of a world, or from a tuned bank or filter of this name."""
+
+    def make(settings: Settings) -> Controller:
+        base = tuned_settings(env_id, belief)
+        if belief != "smoother":
+            return FilterMpc(FilterMpcSettings.from_dict(with_settings(base, settings)))
+        filters = {"filter": tuned_settings(env_id, _FALL_BACK[_LATER.get(env_id, env_id)])["filter"]}
+        every = with_settings(with_settings(filters, base), settings)
+        return SmootherMpc(SmootherMpcSettings.from_dict(every))
 
     return make
 
@@ -146,6 +161,20 @@ def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
     return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space, {"smoother": {"searches": 3}})
 
 
+_PLANS: Space = {
+    "mpc.bend": Uniform(0.0, 1.0),
+    "mpc.fade": Uniform(0.3, 1.0),
+    "feedback.gain": Uniform(0.3, 1.0),
+    "feedback.stiffen": LogUniform(0.003, 1.0),
+    "feedback.damping": LogUniform(0.03, 2.0),
+}
+_PLANS_IN_PLAY: Space = _PLANS | {"feedback.crossing": Uniform(0.3, 1.2), "feedback.dead_band_mm": LogUniform(0.005, 0.2)}
+
+
+def _mpc(env_id: str, belief: str, play: bool = True) -> Tunable:
+    return Tunable(_mpc_in(env_id, belief), _PLANS_IN_PLAY if play else _PLANS)
+
+
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
@@ -155,6 +184,7 @@ _BLIND = {
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
     "smoother": _smoother("rj_gym/Instrument-v0"),
+    "mpc": _mpc("rj_gym/Instrument-v0", "smoother"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -212,6 +242,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
         "smoother": _smoother("rj_gym/InstrumentShift-v0"),
+        "mpc": _mpc("rj_gym/InstrumentShift-v0", "smoother"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
@@ -220,6 +251,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
         "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
         "smoother": _smoother_of_pictures("rj_gym/SlowCamera-v0", play=False),
+        "mpc": _mpc("rj_gym/SlowCamera-v0", "smoother", play=False),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
@@ -228,10 +260,14 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
+        "mpc": _mpc("rj_gym/LatePose-v0", "smoother"),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM
-    | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
-    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
+    | {
+        "smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER),
+        "mpc": _mpc("rj_gym/ArmInstrument-v0", "probing filter"),
+    },
+    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE | {"mpc": _mpc(f"rj_gym/PitchYaw-v0{BLIND}", "probing filter")},
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
@@ -241,6 +277,8 @@ def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
     controllers = dict(_FIRST[first])
     if first in _FALL_BACK:
         controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
+        belief = "probing filter" if first == "rj_gym/ArmInstrument-v0" else "smoother"
+        controllers["mpc"] = replace(controllers["mpc"], make=_mpc_in(env_id, belief))
     return controllers
 
 

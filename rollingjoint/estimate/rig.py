@@ -342,7 +342,7 @@ class RigFilter(RigSmoother):
         together: number of the first steps.
     """
 
-    together = 13
+    together = 20
     _PASSES = 3  # of a step, each expanded where the last one ended
 
     def reset(self) -> None:
