@@ -101,7 +101,7 @@ def _new_scratch(N, J, m, d):
     )  # fmt: skip
 
 
-@kernel(nogil=True, title="predictive control")
+@kernel(nogil=True, short_loops=True, title="predictive control")
 def improve(stages, goals, plans, weights, begins, ends):
     """Take the solved trial plans over where they cost less, and put the next trial into commands and starts.
 

@@ -416,14 +416,15 @@ def _sampled(followed: Any, prior: HiddenPrior, fits: Track, rigs: int, count: i
     known = prior.sds == 0.0
     free = np.flatnonzero(~known)
     sds, uniform = prior.sds[free], np.where(free < 2, 0.0, 1.0 - _VAGUE)
-    information = _whole(fits.information)[:, free[:, None], free]
+    measured, eye = fits.steps[:, None] > 0, np.eye(len(free))
     deviations = (prior.means - fits.numbers)[:, free] / sds
-    eye = np.eye(len(free))
+    information = np.where(measured[..., None], _whole(fits.information)[:, free[:, None], free], eye)
     precisions = information - uniform * eye
-    slopes = fits.slope[:, free] - uniform * deviations
+    slopes = np.where(measured, fits.slope[:, free], deviations) - uniform * deviations
     peaks = np.linalg.solve(precisions, slopes[..., None])[..., 0]
     spreads = np.sqrt(np.einsum("rii->ri", np.linalg.inv(information)))
-    weights = _weights(followed.unlikely(fits), fits, spreads * sds, free, rigs)
+    costs = np.where(measured[:, 0], followed.unlikely(fits), 0.0)
+    weights = _weights(costs, fits, spreads * sds, free, rigs)
     rows = np.concatenate([_drawn(weights[rig], count, rng) + rig * weights.shape[1] for rig in range(rigs)])
     used = np.unique(rows)
     most = np.bincount(rows).max()

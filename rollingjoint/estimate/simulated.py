@@ -31,7 +31,7 @@ class SimulatedRigs:
 
     Attributes:
         positions: of motors, (T, N, m) [mm]. tensions: measured, (T, N, m) [N]. pictures: (T, N, n - 1, 3) [mm, rad].
-        forces: on the loaded links, (N, 2) [N]. links: these, (N,).
+        forces: on the loaded links in the last step, (N, 2) [N]. links: these, (N,).
         offsets: (N, m) [mm]. stiffnesses: (N, m) [N/mm]. play: widths, (N, m) [mm]. friction: (N, m).
         poses: of all links, (T, N, n, 3) [mm, rad].
         usable: whether all equilibria were found, (N,).
@@ -86,7 +86,7 @@ def simulated_rigs(
     angle, size = rng.uniform(-np.pi, np.pi, count), rng.uniform(*ranges.force, count)
     forces = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if ranges.wanders:
-        forces = np.clip(rng.normal(0.0, 0.5 * ranges.force[1], (count, 2)), -ranges.force[1], ranges.force[1])
+        forces = _clipped(rng.normal(0.0, 0.5 * ranges.force[1], (count, 2)), ranges.force[1])
     loaded = rng.choice([link_index(link, mechanism.n_links) for link in links], count)
     usable, starts = np.ones(count, bool), varied.neutral_angles
 
@@ -113,7 +113,10 @@ def simulated_rigs(
     tendons = lengths - tension / stiff - offsets
     first, motors = tendons - behind, tendons - behind
     positions, tensions, pictures, poses = [], [], [], []
+    memory, walk = sensors.memory, 0.5 * ranges.force[1] * np.sqrt(1.0 - sensors.memory**2)
     for place in path:
+        if memory < 1.0 and positions:
+            forces = _clipped(memory * forces + walk * rng.standard_normal((count, 2)), ranges.force[1])
         positions.append(first + place)
         tendons, motors = play_step(tendons, positions[-1], half), positions[-1]
         tension, _, pose = solved(tendons + offsets, np.zeros(shape), np.full(shape, _HIGHEST), forces)
@@ -123,9 +126,12 @@ def simulated_rigs(
         noise = rng.standard_normal((count, J, 3)) * [*[sensors.position_sd_mm] * 2, sensors.angle_sd]
         pictures.append(pose[:, 1:] + noise)
         poses.append(pose)
-        memory = sensors.memory
-        if memory < 1.0:
-            forces = memory * forces + np.sqrt(1.0 - memory**2) * 0.5 * ranges.force[1] * rng.standard_normal((count, 2))
     series = (np.array(values) for values in (positions, tensions, pictures))
     hidden = forces, loaded, offsets, stiff, play, friction, np.array(poses), usable
     return SimulatedRigs(*series, *hidden)
+
+
+def _clipped(forces: Array, largest: float) -> Array:
+    """Forces (N, 2), shortened to the largest magnitude [N]."""
+    sizes = np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-12)
+    return np.asarray(forces * np.minimum(1.0, largest / sizes))
