@@ -51,7 +51,7 @@ def rig_of(mechanism: rj.RollingChain) -> estimate.SimulatedRigs:
     """A simulated rig whose motors run to and fro."""
     time = np.arange(float(STEPS))[:, None]
     waves = 2.5 * (np.sin(2.0 * np.pi * time / [12.0, 9.0] + [0.0, 1.0]) - np.sin([0.0, 1.0]))
-    return estimate.simulated_rigs(mechanism, waves - np.minimum(time / 4.0, 1.0), RANGES, SENSORS, seed=8)
+    return estimate.simulated_rigs(mechanism, waves - np.minimum(time / 4.0, 1.0), RANGES, SENSORS, seed=5)
 
 
 def draw(shown: dict[str, list], rig: estimate.SimulatedRigs) -> pyplot.Figure:

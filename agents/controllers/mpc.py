@@ -54,9 +54,9 @@ class MpcSettings(Settings):
     _SECTION: ClassVar[str] = "mpc."
     horizon: int = 10
     solves: int = 4
-    fade: float = 1.0
-    bend: float = 0.984
-    estimated: bool = True
+    fade: float = 0.811
+    bend: float = 1.0
+    estimated: bool = False
 
     def __post_init__(self) -> None:
         self._check(as_integer, "horizon", low=1, high=1000)
@@ -212,11 +212,15 @@ class Planner:
 
 @dataclass(frozen=True)
 class MpcFeedbackSettings(Settings):
-    """Settings of Mpc and PrivilegedMpc: of the plans, their weights, and how motors cross their play."""
+    """Settings of Mpc and PrivilegedMpc: of the plans, their weights, and how motors cross their play.
+
+    The defaults are the best of 66 tries over the six tasks of a planar chain whose poses are measured, 40 tuning seeds
+    each: the geometric mean of the error over that of JacobianFeedback is 0.75.
+    """
 
     _NESTED: ClassVar[dict[str, type[Settings]]] = {"mpc": MpcSettings, "feedback": FeedbackSettings}
     mpc: MpcSettings = field(default_factory=MpcSettings)
-    feedback: FeedbackSettings = FeedbackSettings(gain=0.969, stiffen=0.094, damping=1.0)
+    feedback: FeedbackSettings = FeedbackSettings(gain=0.834, stiffen=0.114, damping=0.299)
 
     def __post_init__(self) -> None:
         self._check_nested(self._NESTED)

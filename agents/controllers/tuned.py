@@ -75,12 +75,11 @@ def _mpc_in(env_id: str, belief: str) -> Callable[[Settings], Controller]:
     """Predictive control from the tuned smoother of a world, or from a tuned bank or filter of this name."""
 
     def make(settings: Settings) -> Controller:
-        base = tuned_settings(env_id, belief)
+        base = with_settings(tuned_settings(env_id, belief), settings)
         if belief != "smoother":
-            return FilterMpc(FilterMpcSettings.from_dict(with_settings(base, settings)))
+            return FilterMpc(FilterMpcSettings.from_dict(base))
         filters = {"filter": tuned_settings(env_id, _FALL_BACK[_LATER.get(env_id, env_id)])["filter"]}
-        every = with_settings(with_settings(filters, base), settings)
-        return SmootherMpc(SmootherMpcSettings.from_dict(every))
+        return SmootherMpc(SmootherMpcSettings.from_dict(with_settings(filters, base)))
 
     return make
 
@@ -184,7 +183,6 @@ _BLIND = {
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
     "smoother": _smoother("rj_gym/Instrument-v0"),
-    "mpc": _mpc("rj_gym/Instrument-v0", "smoother"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -242,7 +240,6 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
         "smoother": _smoother("rj_gym/InstrumentShift-v0"),
-        "mpc": _mpc("rj_gym/InstrumentShift-v0", "smoother"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
@@ -260,14 +257,10 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
-        "mpc": _mpc("rj_gym/LatePose-v0", "smoother"),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM
-    | {
-        "smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER),
-        "mpc": _mpc("rj_gym/ArmInstrument-v0", "probing filter"),
-    },
-    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE | {"mpc": _mpc(f"rj_gym/PitchYaw-v0{BLIND}", "probing filter")},
+    | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
+    f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
 
@@ -277,8 +270,8 @@ def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
     controllers = dict(_FIRST[first])
     if first in _FALL_BACK:
         controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
-        belief = "probing filter" if first == "rj_gym/ArmInstrument-v0" else "smoother"
-        controllers["mpc"] = replace(controllers["mpc"], make=_mpc_in(env_id, belief))
+    if "mpc" in controllers:
+        controllers["mpc"] = replace(controllers["mpc"], make=_mpc_in(env_id, "smoother"))
     return controllers
 
 

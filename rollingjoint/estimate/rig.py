@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.chain import check_chain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.checks import as_floats, as_integer, as_number
-from rollingjoint.compiled import PinnedRange, TendonLaw, run_in_threads
+from rollingjoint.compiled import TendonLaw
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate.arrays import MeasurementLaw, Track
 from rollingjoint.estimate.equations import propose
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 _HIGHEST = 1e6  # N
-_VAGUE = 1e-4  # share of a prior's information that keeps directions which nothing measures within bounds of numbers
+_VAGUE = 0.05  # share of a prior's information that stays where it is uniform: density at its ends 0.93 of the middle's
 _SAME = 0.3  # standard deviations of the estimate: fits that are nearer in every number are one
 _UNLIKELY = 1e-3  # of the weight of the best fit: others are left out
 _START_TENSION = 3.0  # N: about which lengths of displaced surfaces are linear, where no start is known
@@ -273,14 +274,17 @@ class RigEstimator(ABC):
     @cached_property
     def poses(self) -> Array:
         """Of all links in the sampled states, (N, S, n, 3) [mm, rad]: their equilibria."""
-        samples, at, chain = self.samples, self.prior.layout, self.mechanism
-        numbers = samples.numbers.reshape(-1, at.total)
-        m, R = chain.n_tendons, len(numbers)
-        commands = samples.played.reshape(R, m) + numbers[:, at.offsets : at.stiffnesses]
+        return np.stack([self._poses_of(Samples(*(part[rig] for part in self.samples))) for rig in range(self._count)])
+
+    def _poses_of(self, samples: Samples) -> Array:
+        """Poses of all links of one rig, (S, n, 3)."""
+        numbers, at, chain = samples.numbers, self.prior.layout, self.mechanism
+        R, m = samples.played.shape
+        commands = samples.played + numbers[:, at.offsets : at.stiffnesses]
         stiff = chain.stiffnesses * numbers[:, at.stiffnesses : at.half_widths]
         laws = TendonLaw(commands, stiff, np.zeros((R, m)), np.full((R, m), _HIGHEST))
         loads = np.zeros((R, 1, len(LOAD_COLUMNS)))
-        loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = samples.links.ravel(), numbers[:, :2]
+        loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = samples.links, numbers[:, :2]
         arrays, designs = chain.arrays, np.zeros(R, np.int64)
         if at.surfaces < at.total:
             each = numbers[:, at.surfaces :].reshape(R, chain.n_joints, 2, 3)
@@ -288,12 +292,8 @@ class RigEstimator(ABC):
             surfaces[:, :-1, 1], surfaces[:, 1:, 0] = each[:, :, 0], each[:, :, 1]
             varied = ChainVariations(chain, surfaces, np.ones((R, m)))
             arrays, designs = varied.arrays, varied.designs
-        results = chain.kernels.new_results(R, chain.n_joints, m)
-        starts = np.ascontiguousarray(samples.angles.reshape(R, -1))
-        batch = chain.kernels.batch_arrays(arrays, designs, laws, loads, starts, results)
-        run_in_threads(PinnedRange(chain.kernels, batch), R, chain.n_joints)
-        poses: Array = results.poses.reshape(*samples.links.shape, chain.n_links, 3)
-        return poses
+        starts = np.array(samples.angles, order="C")
+        return np.asarray(solve_batch(type(chain), chain, arrays, designs, laws, loads, starts).poses)
 
     def _part(self, first: str, last: str) -> Array:
         at = self.prior.layout

@@ -22,7 +22,7 @@ from agents.controllers.mpc import (
 )
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.steps import FeedbackSettings
-from agents.controllers.tuned import WORLDS
+from agents.controllers.tuned import _mpc_in
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import registered_settings, task_of
@@ -30,7 +30,7 @@ from rollingjoint import WorldForce, solve_tensions_batch
 from rollingjoint.errors import ConfigError, InvalidInput
 
 SEEDS = range(5_000_000, 5_000_016)
-MOVING = {"target": {"process": "path"}, "load": {"magnitude": [0.0, 1.0]}}
+MOVING = {"episode_steps": 100, "target": {"process": "path"}, "load": {"magnitude": [0.0, 1.0]}}
 LIMITS = 1.225, 14.275  # N
 
 
@@ -146,7 +146,7 @@ def test_it_knows_the_true_state_where_it_may() -> None:
 def test_it_plans_on_filters_and_on_smoothers() -> None:
     few = {"filter": {"hypotheses": 4}, "probe": {"sweep_mm": 3.0}}
     assert mean_error(FilterMpc(FilterMpcSettings.from_dict(few)), {}, "rj_gym/Instrument-v0") < 2.0
-    assert mean_error(WORLDS["rj_gym/Instrument-v0"]["mpc"].make({}), {}, "rj_gym/Instrument-v0") < 1.0
+    assert mean_error(_mpc_in("rj_gym/Instrument-v0", "smoother")({}), {}, "rj_gym/Instrument-v0") < 1.0
 
 
 def test_arms_have_predictive_control_from_filters_alone() -> None:
