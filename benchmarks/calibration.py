@@ -20,8 +20,8 @@ from rollingjoint.estimate import (
     HiddenRanges,
     RigEstimator,
     RigFilter,
+    RigSensors,
     RigSmoother,
-    Sensors,
     SimulatedRigs,
     simulated_rigs,
 )
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 RANGES = HiddenRanges(
     force=(0.0, 1.0), offset_mm=(-0.5, 0.5), stiffness=(0.8, 1.2), play_mm=(0.5, 2.0), sheath_friction=(0.0, 0.3)
 )
-SENSORS = Sensors(tension_sd=0.05, start_tension=5.0, start_sd=0.05)
+SENSORS = RigSensors(tension_sd=0.05, start_tension=5.0, start_sd=0.05)
 ESTIMATORS: dict[str, type[RigEstimator]] = {"whole history": RigSmoother, "recursive": RigFilter}
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 BLOCK = 250  # rigs side by side
@@ -111,9 +111,7 @@ def main() -> None:
     links = range(1, rj.five_link().n_links) if arguments.any_link else [-1]
     curves = {}
     for name, kind in ESTIMATORS.items():
-        depths, widths, figures = measured(
-            kind, arguments.rigs, arguments.steps, arguments.seed, ranges, [*links]
-        )
+        depths, widths, figures = measured(kind, arguments.rigs, arguments.steps, arguments.seed, ranges, [*links])
         curves[name] = depths
         rows = [
             [what, *(f"{100.0 * (values <= level).mean():.1f}" for level in LEVELS), f"{np.median(widths[what]):.3g}"]

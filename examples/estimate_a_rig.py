@@ -20,7 +20,7 @@ STEPS = 40
 RANGES = estimate.HiddenRanges(
     force=(0.0, 1.0), offset_mm=(-0.5, 0.5), stiffness=(0.8, 1.2), play_mm=(0.5, 2.0), sheath_friction=(0.0, 0.3)
 )
-SENSORS = estimate.Sensors(tension_sd=0.05, start_tension=5.0)
+SENSORS = estimate.RigSensors(tension_sd=0.05, start_tension=5.0)
 
 
 def main(argv: list[str] | None = None) -> None:

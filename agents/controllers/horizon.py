@@ -1,8 +1,10 @@
-"""Plans over a receding horizon, compiled: costs of stages, and the moves that lower their sum, one episode after another.
+"""Plans over a receding horizon, compiled: costs of stages, and moves that lower their sum, episode by episode.
 
 The commands of the tendons at stage s are those of now and the moves d_1 ... d_s. A stage costs, with its equilibrium,
 
-    fade^(s-1) (|tip - target|² + stiffen² (high - largest tension)² + keep² |tensions beyond limits|²) + damping² |d_s|².
+    fade^(s-1) (|tip - target|² + stiffen² (high - largest tension)² + keep² |excess|²) + damping² |d_s|²,
+
+where the excess is how far tensions are beyond their limits.
 
 Every stage is expanded about its equilibrium by the implicit function theorem: exact rates, Gauss-Newton squares. The
 moves within their bounds that minimise the expanded sum come from a sweep backwards and one forwards.
@@ -72,7 +74,7 @@ class Plans(NamedTuple):
     turns: Annotated[Floats, "B", "N", "J", "m"]  # d joint angles / d commands, rad/mm
 
 
-class Scratch(NamedTuple):
+class SweepScratch(NamedTuple):
     """Room for one episode."""
 
     turns: Annotated[Floats, "N", "J", "m"]
@@ -94,7 +96,7 @@ class Scratch(NamedTuple):
 
 @part
 def _new_scratch(N, J, m, d):
-    return Scratch(
+    return SweepScratch(
         np.empty((N, J, m)), np.empty((N, m)), np.empty((N, m, m)), np.empty((J, J + m)), np.empty((m, 2 * m + 1)),
         np.empty((d, m)), np.empty((m, m)), np.empty(m), np.empty((N, m)), np.empty((N, m, m)), np.empty((m, m)),
         np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m),

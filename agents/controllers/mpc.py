@@ -8,10 +8,8 @@ it, the most likely filter of a bank, a smoother's fit, or the true state.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -32,6 +30,7 @@ from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_boolean, as_integer, as_number
 from rollingjoint.compiled import TendonLaw, machine_code, run_in_threads
 from rollingjoint.errors import InvalidInput
+from rollingjoint.estimate import Smoother
 from rollingjoint.load import LOAD_COLUMNS
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
@@ -65,7 +64,7 @@ class MpcSettings(Settings):
         self._check(as_boolean, "estimated")
 
 
-class Belief(NamedTuple):
+class PlanStart(NamedTuple):
     """What plans begin with, B episodes."""
 
     commands: Array  # of the tendons behind their play, (B, m) mm
@@ -76,7 +75,7 @@ class Belief(NamedTuple):
     tensions: Array  # (B, m) N
 
 
-class _Rows:
+class _PlanRows:
     """Arrays of B plans with tables of so many loads, and the solver that is bound to them."""
 
     def __init__(self, mechanism: Any, count: int, n_loads: int, horizon: int) -> None:
@@ -141,7 +140,7 @@ class Planner:
         self._bind()
 
     def _bind(self) -> None:
-        self._rows: dict[tuple[int, int], _Rows] = {}
+        self._rows: dict[tuple[int, int], _PlanRows] = {}
         self._improve = machine_code(improve, Stages, Goals, Plans, (0.0,) * 5, bool, bool)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -159,7 +158,7 @@ class Planner:
         self._motion = restarted(self._motion, mask, np.zeros((count, self.task.dimension)))
         self._damping = restarted(self._damping, mask, np.zeros(count))
 
-    def moves(self, belief: Belief, target: Array, motion: Array, limits: tuple[Any, Any], level: Array) -> Array:
+    def moves(self, belief: PlanStart, target: Array, motion: Array, limits: tuple[Any, Any], level: Array) -> Array:
         """The next moves of the tendons, (B, m) [mm].
 
         Args:
@@ -182,11 +181,11 @@ class Planner:
         self._angles[:, :-1], self._angles[:, -1] = plans.angles[:, 1:], plans.angles[:, -1]
         return plans.moves[:, 0].copy()
 
-    def _rows_of(self, belief: Belief) -> _Rows:
+    def _rows_of(self, belief: PlanStart) -> _PlanRows:
         """The arrays of so many episodes, with the first plans in them: those of the last step go on."""
         (count, n_loads), N = belief.loads.shape[:2], self.settings.horizon
         if (count, n_loads) not in self._rows:
-            self._rows = {(count, n_loads): _Rows(self.task.mechanism, count, n_loads, N)}
+            self._rows = {(count, n_loads): _PlanRows(self.task.mechanism, count, n_loads, N)}
         rows = self._rows[count, n_loads]
         rows.plans.trial[:], rows.plans.damping[:] = self._moves, self._damping
         commands = rows.laws.command.reshape(count, N + 1, -1)
@@ -220,7 +219,7 @@ class MpcFeedbackSettings(Settings):
 
     _NESTED: ClassVar[dict[str, type[Settings]]] = {"mpc": MpcSettings, "feedback": FeedbackSettings}
     mpc: MpcSettings = field(default_factory=MpcSettings)
-    feedback: FeedbackSettings = FeedbackSettings(gain=0.834, stiffen=0.114, damping=0.299)
+    feedback: FeedbackSettings = field(default_factory=lambda: FeedbackSettings(0.834, 0.114, 0.299))
 
     def __post_init__(self) -> None:
         self._check_nested(self._NESTED)
@@ -257,14 +256,14 @@ class Mpc(JacobianFeedback):
         tendons = self.planner.moves(belief, reading.target, motion, self.tension_range, level)
         return pulling_in(self.play.motor_moves(tendons), self.task.config.action_scale_mm)
 
-    def belief(self, reading: Reading) -> Belief:
+    def belief(self, reading: Reading) -> PlanStart:
         """The measured pose, and the load that explains it."""
         mechanism, tensions = self.task.mechanism, reading.tensions
         if self.task.dimension == 3 or self.mpc.mpc.estimated:
             return _belief_of(self.measured.loaded(reading)[0], reading.tip, tensions)
         stiff = np.broadcast_to(mechanism.stiffnesses, tensions.shape)
         commands, loads = balanced(mechanism, reading)
-        return Belief(commands, stiff, loads, reading.joint_angles, reading.tip, tensions)
+        return PlanStart(commands, stiff, loads, reading.joint_angles, reading.tip, tensions)
 
 
 class PrivilegedMpc(PrivilegedFeedback):
@@ -295,10 +294,10 @@ class PrivilegedMpc(PrivilegedFeedback):
         return self.planner.moves(belief, reading.target, motion, self.tension_range, level)
 
 
-def _belief_of(model: Solution, tip: Array, tensions: Array) -> Belief:
+def _belief_of(model: Solution, tip: Array, tensions: Array) -> PlanStart:
     """The belief of a model at measurements."""
     stiff = np.broadcast_to(model.mechanism.stiffnesses, tensions.shape)
-    return Belief(unstretched(model), stiff, model.loads, model.joint_angles, tip, tensions)
+    return PlanStart(unstretched(model), stiff, model.loads, model.joint_angles, tip, tensions)
 
 
 def _level(tensions: Array, stiffens: bool) -> Array:
@@ -337,7 +336,7 @@ class _FromEstimates(FilterFeedback):
         super().reset(mask)
         self.planner.reset(mask)
 
-    def belief(self, estimate: Estimate) -> Belief:
+    def belief(self, estimate: Estimate) -> PlanStart:
         """The model of the estimate."""
         raise NotImplementedError
 
@@ -364,7 +363,7 @@ class FilterMpc(_FromEstimates):
     def __init__(self, settings: FilterMpcSettings | None = None) -> None:
         super().__init__(settings or FilterMpcSettings())
 
-    def belief(self, estimate: Estimate) -> Belief:
+    def belief(self, estimate: Estimate) -> PlanStart:
         """The model of the most likely filter."""
         bank, at = self.bank, self.bank.model.places
         count, H = bank.weights.shape
@@ -373,7 +372,7 @@ class FilterMpc(_FromEstimates):
         commands = bank.belief.play.played[best] + states[best, at.offsets : at.stiffnesses]
         stiff = self.task.mechanism.stiffnesses * np.exp(states[best, at.stiffnesses : at.bias])
         loads = bank.model.load_tables(states)[best]
-        return Belief(commands, stiff, loads, bank.belief.angles[best], estimate.tip, estimate.tensions)
+        return PlanStart(commands, stiff, loads, bank.belief.angles[best], estimate.tip, estimate.tensions)
 
 
 class SmootherMpc(_FromEstimates, SmootherFeedback):
@@ -392,11 +391,12 @@ class SmootherMpc(_FromEstimates, SmootherFeedback):
         if self.task.dimension == 3:
             raise InvalidInput("mechanism", self.task.mechanism, "a chain in the plane", "Arms have FilterMpc.")
 
-    def belief(self, estimate: Estimate) -> Belief:
+    def belief(self, estimate: Estimate) -> PlanStart:
         """The nominal chain under the fitted numbers."""
-        numbers, at = self.smoothed.numbers, self.smoother.prior.layout
+        numbers, smoother = self.smoothed.numbers, cast(Smoother, self.smoother)
+        at = smoother.prior.layout
         commands = estimate.played + numbers[:, at.offsets : at.stiffnesses]
         stiff = self.task.mechanism.stiffnesses * numbers[:, at.stiffnesses : at.half_widths]
         loads = np.zeros((len(numbers), 1, len(LOAD_COLUMNS)))
-        loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = self.smoother.links, numbers[:, :2]
-        return Belief(commands, stiff, loads, self.smoother.joint_angles, estimate.tip, estimate.tensions)
+        loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = smoother.links, numbers[:, :2]
+        return PlanStart(commands, stiff, loads, smoother.joint_angles, estimate.tip, estimate.tensions)

@@ -167,7 +167,9 @@ _PLANS: Space = {
     "feedback.stiffen": LogUniform(0.003, 1.0),
     "feedback.damping": LogUniform(0.03, 2.0),
 }
-_PLANS_IN_PLAY: Space = _PLANS | {"feedback.crossing": Uniform(0.3, 1.2), "feedback.dead_band_mm": LogUniform(0.005, 0.2)}
+_PLANS_IN_PLAY: Space = _PLANS | _below(
+    "feedback", {"crossing": Uniform(0.3, 1.2), "dead_band_mm": LogUniform(0.005, 0.2)}
+)
 
 
 def _mpc(env_id: str, belief: str, play: bool = True) -> Tunable:

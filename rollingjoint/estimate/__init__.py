@@ -22,13 +22,34 @@ from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
 from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother, is_served
 from rollingjoint.estimate.arrays import MeasurementLaw, MotorHistory
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior, HiddenRanges
-from rollingjoint.estimate.rig import Interval, RigEstimator, RigFilter, RigSmoother, Samples, Sensors
+from rollingjoint.estimate.rig import Estimated, RigEstimator, RigFilter, RigSensors, RigSmoother, Samples
 from rollingjoint.estimate.simulated import SimulatedRigs, simulated_rigs
 from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
 
 __all__ = [
-    "LARGEST_TILT", "ArmEffort", "ArmLaw", "ArmPrior", "ArmRanges", "ArmRows", "ArmSmoother", "Effort", "FollowedArm",
-    "HiddenLayout", "HiddenPrior", "HiddenRanges", "Interval", "MeasurementLaw", "MotorHistory", "RigEstimator",
-    "RigFilter", "RigSmoother", "Samples", "Sensors", "SimulatedRigs", "Smoothed", "Smoother", "is_served",
+    "LARGEST_TILT",
+    "ArmEffort",
+    "ArmLaw",
+    "ArmPrior",
+    "ArmRanges",
+    "ArmRows",
+    "ArmSmoother",
+    "Effort",
+    "Estimated",
+    "FollowedArm",
+    "HiddenLayout",
+    "HiddenPrior",
+    "HiddenRanges",
+    "MeasurementLaw",
+    "MotorHistory",
+    "RigEstimator",
+    "RigFilter",
+    "RigSensors",
+    "RigSmoother",
+    "Samples",
+    "SimulatedRigs",
+    "Smoothed",
+    "Smoother",
+    "is_served",
     "simulated_rigs",
 ]  # fmt: skip

@@ -1,6 +1,6 @@
 """Loads, friction, play, offsets and shape of rigs from positions and tensions of their motors, with intervals.
 
-Two estimators with one protocol: RigSmoother fits everything that was measured, RigFilter keeps what the last step left.
+Two estimators with one protocol: RigSmoother fits everything that was measured, RigFilter what the last step left.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _START_TENSION = 3.0  # N: about which lengths of displaced surfaces are linear,
 
 
 @dataclass(frozen=True)
-class Sensors:
+class RigSensors:
     """What motors and cameras of a rig measure, and how well.
 
     Args:
@@ -93,7 +93,7 @@ class Sensors:
 
 
 @dataclass(frozen=True)
-class Interval:
+class Estimated:
     """An estimate: the mean of what is possible, and equal-tailed intervals of a probability, arrays of one shape."""
 
     mean: Array
@@ -107,7 +107,8 @@ class Interval:
 
     def contains(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether values lie within."""
-        return np.asarray((self.low <= values) & (values <= self.high))
+        given = np.asarray(values, float)
+        return np.asarray((self.low <= given) & (given <= self.high))
 
 
 class Samples(NamedTuple):
@@ -143,7 +144,7 @@ class RigEstimator(ABC):
         self,
         mechanism: RollingChain,
         ranges: HiddenRanges | None = None,
-        sensors: Sensors | None = None,
+        sensors: RigSensors | None = None,
         links: Sequence[int] | None = None,
         *,
         rigs: int | None = None,
@@ -155,7 +156,7 @@ class RigEstimator(ABC):
         check_chain(mechanism)
         if not isinstance(mechanism, RollingChain):
             raise InvalidInput("mechanism", mechanism, "a RollingChain", "Estimates of rigs serve chains in the plane.")
-        self.mechanism, self.ranges, self.sensors = mechanism, ranges or HiddenRanges(), sensors or Sensors()
+        self.mechanism, self.ranges, self.sensors = mechanism, ranges or HiddenRanges(), sensors or RigSensors()
         self.level, self._one = as_number("level", level, 0.5, 0.9999), rigs is None
         self._count = 1 if rigs is None else as_integer("rigs", rigs, 1)
         self._steps, self._samples = as_integer("steps", steps, 1, 100_000), as_integer("samples", samples, 20, 10**6)
@@ -220,7 +221,7 @@ class RigEstimator(ABC):
         return _sampled(self.smoother.fine, self.prior, self._fits(), self._count, self._samples, self._seed)
 
     @property
-    def load(self) -> Interval:
+    def load(self) -> Estimated:
         """The force on the loaded link, (2,) [N]."""
         return self._interval(self.samples.numbers[..., :2])
 
@@ -231,37 +232,37 @@ class RigEstimator(ABC):
         return self._out(links.mean(axis=1))
 
     @property
-    def offsets(self) -> Interval:
+    def offsets(self) -> Estimated:
         """What commanded lengths are off, (m,) [mm]."""
         return self._interval(self._part("offsets", "stiffnesses"))
 
     @property
-    def stiffnesses(self) -> Interval:
+    def stiffnesses(self) -> Estimated:
         """Of the tendons, (m,) [N/mm]."""
         return self._interval(self._part("stiffnesses", "half_widths") * self.mechanism.stiffnesses)
 
     @property
-    def play(self) -> Interval:
+    def play(self) -> Estimated:
         """Widths of the play, (m,) [mm]."""
         return self._interval(2.0 * self._part("half_widths", "frictions"))
 
     @property
-    def friction(self) -> Interval:
+    def friction(self) -> Estimated:
         """Exponents of the friction of sheaths, (m,)."""
         return self._interval(self._part("frictions", "places"))
 
     @property
-    def commands(self) -> Interval:
+    def commands(self) -> Estimated:
         """Commanded lengths of the tendons behind their play, offsets included, (m,) [mm]."""
         return self._interval(self.samples.played + self._part("offsets", "stiffnesses"))
 
     @property
-    def tip(self) -> Interval:
+    def tip(self) -> Estimated:
         """Where the tip is, (2,) [mm]."""
         return self._interval(self.poses[:, :, -1, :2])
 
     @property
-    def shape(self) -> Interval:
+    def shape(self) -> Estimated:
         """x, y and angle of all links, (n, 3) [mm, rad]."""
         return self._interval(self.poses)
 
@@ -299,10 +300,10 @@ class RigEstimator(ABC):
         at = self.prior.layout
         return self.samples.numbers[..., getattr(at, first) : getattr(at, last)]
 
-    def _interval(self, values: Array) -> Interval:
+    def _interval(self, values: Array) -> Estimated:
         tail = 0.5 * (1.0 - self.level)
         low, high = np.quantile(values, (tail, 1.0 - tail), axis=1)
-        return Interval(*map(self._out, (values.mean(axis=1), low, high)))
+        return Estimated(*map(self._out, (values.mean(axis=1), low, high)))
 
     def _out(self, values: Array) -> Array:
         return values[0] if self._one else values
@@ -329,7 +330,7 @@ class RigSmoother(RigEstimator):
         each = len(searched.steps) // count
         order = np.hstack([count * each + np.arange(count)[:, None], np.arange(count * each).reshape(count, each)])
         pairs = zip(searched, smoother.track, strict=True)
-        return Track(*(np.concatenate([fits, present])[order.ravel()] for fits, present in pairs))
+        return Track._make(np.concatenate([fits, present])[order.ravel()] for fits, present in pairs)
 
 
 class RigFilter(RigSmoother):
@@ -387,7 +388,7 @@ class RigFilter(RigSmoother):
 
 def _moved(filters: Track, prior: HiddenPrior, numbers: Array) -> Track:
     """A copy with the same costs, expanded about other numbers (R, K)."""
-    at, moved = prior.layout, Track(*(values.copy() for values in filters))
+    at, moved = prior.layout, Track._make(values.copy() for values in filters)
     change = numbers - filters.numbers
     units = np.divide(change, prior.sds, out=np.zeros_like(change), where=prior.sds > 0.0)
     pulled = np.einsum("rij,rj->ri", _whole(filters.information), units)

@@ -15,7 +15,7 @@ from rollingjoint.checks import as_floats, as_integer
 from rollingjoint.compiled import TendonLaw
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate.hidden import HiddenRanges
-from rollingjoint.estimate.rig import Sensors
+from rollingjoint.estimate.rig import RigSensors
 from rollingjoint.load import LOAD_COLUMNS, link_index
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
 
@@ -54,7 +54,7 @@ def simulated_rigs(
     mechanism: RollingChain,
     path: ArrayLike,
     ranges: HiddenRanges,
-    sensors: Sensors,
+    sensors: RigSensors,
     links: Sequence[int] = (-1,),
     rigs: int = 1,
     seed: int = 0,
@@ -112,7 +112,8 @@ def simulated_rigs(
     _, lengths, _ = solved(np.zeros(shape), tension, tension, np.zeros((count, 2)))
     tendons = lengths - tension / stiff - offsets
     first, motors = tendons - behind, tendons - behind
-    positions, tensions, pictures, poses = [], [], [], []
+    series: list[list[Array]] = [[], [], [], []]
+    positions, tensions, pictures, poses = series
     memory, walk = sensors.memory, 0.5 * ranges.force[1] * np.sqrt(1.0 - sensors.memory**2)
     for place in path:
         if memory < 1.0 and positions:
@@ -126,9 +127,8 @@ def simulated_rigs(
         noise = rng.standard_normal((count, J, 3)) * [*[sensors.position_sd_mm] * 2, sensors.angle_sd]
         pictures.append(pose[:, 1:] + noise)
         poses.append(pose)
-    series = (np.array(values) for values in (positions, tensions, pictures))
-    hidden = forces, loaded, offsets, stiff, play, friction, np.array(poses), usable
-    return SimulatedRigs(*series, *hidden)
+    hidden = forces, loaded, offsets, stiff, play, friction
+    return SimulatedRigs(*map(np.array, series[:3]), *hidden, np.array(poses), usable)
 
 
 def _clipped(forces: Array, largest: float) -> Array:

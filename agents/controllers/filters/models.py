@@ -48,6 +48,7 @@ class ChainModel(FilterModel):
         return start, np.zeros((len(states), self.n_tendons, self.N_LOAD))
 
     def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = np.zeros((len(states), 1, len(LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = self._rows(len(states)).links, states[:, :2]
         return loads
@@ -99,6 +100,7 @@ class ArmModel(FilterModel):
         return start, np.swapaxes(start.tendon_rates, 1, 2) @ joint_response(start, start.stiffness, torques)
 
     def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = self._loads(states)
         return loads_along(self._table, loads.gravity, loads.payloads)
 
@@ -141,6 +143,7 @@ class TubeModel(FilterModel):
         return start, np.zeros((len(states), self.n_tendons, self.N_LOAD))
 
     def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = np.zeros((len(states), 1, len(SPATIAL_LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX_SPACE : _FX_SPACE + 3] = self.mechanism.n_joints, states[:, :3]
         return loads

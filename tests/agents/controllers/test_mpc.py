@@ -10,13 +10,13 @@ from agents.controllers.controller import Controller
 from agents.controllers.horizon import Goals
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.mpc import (
-    Belief,
     FilterMpc,
     FilterMpcSettings,
     Mpc,
     MpcFeedbackSettings,
     MpcSettings,
     Planner,
+    PlanStart,
     PrivilegedMpc,
     SmootherMpc,
 )
@@ -39,17 +39,17 @@ def planner(horizon: int = 4, solves: int = 40, mechanism: str = "five_link", **
     return Planner(task, MpcSettings(horizon=horizon, solves=solves), FeedbackSettings(gain=1.0, **weights))
 
 
-def belief(plans: Planner, load: float = 0.3, count: int = 1) -> Belief:
+def belief(plans: Planner, load: float = 0.3, count: int = 1) -> PlanStart:
     """Of a chain pulled by 4 N, a side force at its tip unknown to the measured tip."""
     chain = plans.task.mechanism
     tensions = np.full((count, chain.n_tendons), 4.0)
     there = solve_tensions_batch(chain, tensions, [WorldForce(-1, (load, 0.1))])
     commands = there.lengths - tensions / chain.stiffnesses
     stiff = np.broadcast_to(chain.stiffnesses, tensions.shape)
-    return Belief(commands, stiff, there.loads, there.joint_angles, there.tip + 0.4, tensions)
+    return PlanStart(commands, stiff, there.loads, there.joint_angles, there.tip + 0.4, tensions)
 
 
-def cost_of(plans: Planner, start: Belief, target: np.ndarray, moves: np.ndarray) -> tuple[float, np.ndarray]:
+def cost_of(plans: Planner, start: PlanStart, target: np.ndarray, moves: np.ndarray) -> tuple[float, np.ndarray]:
     """The cost of moves (N, m) from a belief, and its derivatives by the commands of all stages."""
     plans.reset(np.ones(1, bool))
     plans._moves[:] = moves
@@ -67,7 +67,8 @@ def test_stages_are_expanded_exactly(mechanism: str) -> None:
     start, rng = belief(plans), np.random.default_rng(0)
     target, moves = start.tip + 9.0, 0.4 * rng.standard_normal((4, plans.task.mechanism.n_tendons))
     _, slopes = cost_of(plans, start, target, moves)
-    by_moves = np.cumsum(slopes[::-1], axis=0)[::-1] + 2.0 * 0.2**2 * moves  # a move changes the commands of all later stages
+    # a move changes the commands of all later stages
+    by_moves = np.cumsum(slopes[::-1], axis=0)[::-1] + 2.0 * 0.2**2 * moves
     for s in range(4):
         for j in range(moves.shape[1]):
             step = np.zeros_like(moves)
@@ -115,9 +116,9 @@ def test_a_model_without_equilibria_gives_finite_moves() -> None:
     assert np.isfinite(moves).all()
 
 
-def mean_error(controller: Controller, settings: dict, env_id: str = "rj_gym/RollingJoint-v0", **arguments: int) -> float:
+def mean_error(controller: Controller, settings: dict, env_id: str = "rj_gym/RollingJoint-v0") -> float:
     env = EnvConfig(env_id, settings=settings)
-    return float(run_episodes(env, controller, SEEDS, **arguments).last_errors.mean())
+    return float(run_episodes(env, controller, SEEDS).last_errors.mean())
 
 
 def test_it_follows_moving_targets_more_closely_than_feedback() -> None:

@@ -6,7 +6,7 @@ import pytest
 import rollingjoint as rj
 from benchmarks.calibration import RANGES, SENSORS, measured, path
 from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import HiddenRanges, RigFilter, RigSmoother, Sensors, simulated_rigs
+from rollingjoint.estimate import HiddenRanges, RigFilter, RigSensors, RigSmoother, simulated_rigs
 from rollingjoint.estimate.sampling import sample_in_boxes
 
 CHAIN = rj.five_link()
@@ -24,7 +24,7 @@ def estimated(kind, rigs, simulated, **arguments):
 def test_intervals_contain_the_truth_as_often_as_they_say(kind):
     depths, _, _ = measured(kind, 100, 30, seed=7, ranges=RANGES, links=[-1])
     for what, values in depths.items():
-        assert 0.88 <= np.mean(values <= 0.95) <= 1.0, what  # 0.95 within three standard deviations of 100 to 200 values
+        assert 0.88 <= np.mean(values <= 0.95) <= 1.0, what  # three standard deviations
         assert 0.38 <= np.mean(values <= 0.5) <= 0.62, what
 
 
@@ -87,7 +87,7 @@ def test_the_recursive_estimator_agrees_with_the_whole_history():
 
 def test_loads_that_wander_are_followed():
     ranges = HiddenRanges(force=(0.0, 1.0), wanders=True, offset_mm=(-0.3, 0.3))
-    sensors = Sensors(tension_sd=0.05, start_tension=5.0, memory=0.95)
+    sensors = RigSensors(tension_sd=0.05, start_tension=5.0, memory=0.95)
     simulated = simulated_rigs(CHAIN, path(40), ranges, sensors, rigs=30, seed=5)
     for kind in (RigSmoother, RigFilter):
         estimator = kind(CHAIN, ranges, sensors, rigs=30, steps=40)
@@ -125,7 +125,7 @@ def test_bad_input_gets_one_line():
     with pytest.raises(InvalidInput, match="steps = 2"):
         estimator.update([90.0, 90.0], [1.0, 1.0])
     with pytest.raises(InvalidInput, match="tension_sd"):
-        Sensors(tension_sd=0.0)
+        RigSensors(tension_sd=0.0)
     with pytest.raises(InvalidInput, match="shape of the path"):
         simulated_rigs(CHAIN, [[0.0]], RANGES, SENSORS)
 
@@ -140,4 +140,5 @@ def test_samples_within_a_box_are_those_of_rejection():
     theirs = drawn[np.all((drawn > low) & (drawn < high), axis=1)]
     assert np.all((ours >= low) & (ours <= high))
     assert np.allclose(ours.mean(axis=0), theirs.mean(axis=0), atol=0.02)
-    assert np.allclose(np.quantile(ours, [0.025, 0.975], axis=0), np.quantile(theirs, [0.025, 0.975], axis=0), atol=0.03)
+    tails = [np.quantile(drawn, [0.025, 0.975], axis=0) for drawn in (ours, theirs)]
+    assert np.allclose(*tails, atol=0.03)
