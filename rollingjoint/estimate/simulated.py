@@ -112,8 +112,7 @@ def simulated_rigs(
     _, lengths, _ = solved(np.zeros(shape), tension, tension, np.zeros((count, 2)))
     tendons = lengths - tension / stiff - offsets
     first, motors = tendons - behind, tendons - behind
-    series: list[list[Array]] = [[], [], [], []]
-    positions, tensions, pictures, poses = series
+    positions, tensions, pictures, poses = list[Array](), list[Array](), list[Array](), list[Array]()
     memory, walk = sensors.memory, 0.5 * ranges.force[1] * np.sqrt(1.0 - sensors.memory**2)
     for place in path:
         if memory < 1.0 and positions:
@@ -128,7 +127,7 @@ def simulated_rigs(
         pictures.append(pose[:, 1:] + noise)
         poses.append(pose)
     hidden = forces, loaded, offsets, stiff, play, friction
-    return SimulatedRigs(*map(np.array, series[:3]), *hidden, np.array(poses), usable)
+    return SimulatedRigs(np.array(positions), np.array(tensions), np.array(pictures), *hidden, np.array(poses), usable)
 
 
 def _clipped(forces: Array, largest: float) -> Array:
