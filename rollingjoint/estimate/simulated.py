@@ -63,15 +63,17 @@ def simulated_rigs(
 
     Args:
         mechanism: the nominal chain, without friction of its own.
-        path: of the motors from where they were set, (T, m) [mm]; negative pulls in.
+        path: of the motors from where they were set, (T, m) [mm], zeros first; negative pulls in.
         ranges: of what hides. sensors: with a start tension, by which motors are set before the load acts.
         links: of which one is loaded. rigs: N. seed: of all draws.
     Raises:
-        InvalidInput: a path of another shape, or no start tension.
+        InvalidInput: a path of another shape, or that begins elsewhere; no start tension.
     """
     path, m, J = as_floats("path", path, "numbers (T, m)"), mechanism.n_tendons, mechanism.n_joints
     if path.ndim != 2 or path.shape[1] != m:
         raise InvalidInput("shape of the path", path.shape, f"(T, {m})")
+    if not len(path) or np.any(path[0] != 0.0):
+        raise InvalidInput("path[0]", path[:1], "zeros", "Motors are measured first where they were set.")
     if sensors.start_tension is None:
         raise InvalidInput("start_tension", None, "a number [N]", "Motors of simulated rigs are set by it.")
     count, rng = as_integer("rigs", rigs, 1), np.random.default_rng(seed)

@@ -128,6 +128,8 @@ def test_bad_input_gets_one_line():
         RigSensors(tension_sd=0.0)
     with pytest.raises(InvalidInput, match="shape of the path"):
         simulated_rigs(CHAIN, [[0.0]], RANGES, SENSORS)
+    with pytest.raises(InvalidInput, match=r"path\[0\]"):
+        simulated_rigs(CHAIN, [[-1.0, 0.0]], RANGES, SENSORS)
 
 
 def test_samples_within_a_box_are_those_of_rejection():
