@@ -78,10 +78,12 @@ class PlanStart(NamedTuple):
 class _PlanRows:
     """Arrays of B plans with tables of so many loads, and the solver that is bound to them."""
 
-    def __init__(self, mechanism: Any, count: int, n_loads: int, horizon: int) -> None:
+    def __init__(self, task: TrackingTask, count: int, n_loads: int, horizon: int) -> None:
+        mechanism: Any = task.mechanism
         kernels, J, m, d = mechanism.kernels, mechanism.n_joints, mechanism.n_tendons, mechanism.dimension
         self.count, self.kernels, R = count, kernels, count * (horizon + 1)
         self.laws = TendonLaw(np.zeros((R, m)), np.ones((R, m)), np.zeros((R, m)), np.full((R, m), _HIGHEST))
+        self.laws.low[:] = task.config.possible_tensions[0]  # motors take slack up: paying out moves nothing further
         self.loads, self.starts = np.zeros((R, n_loads, len(mechanism.load_columns))), np.zeros((R, J))
         results = kernels.new_results(R, J, m)
         designs = np.zeros(R, np.int64)
@@ -185,7 +187,7 @@ class Planner:
         """The arrays of so many episodes, with the first plans in them: those of the last step go on."""
         (count, n_loads), N = belief.loads.shape[:2], self.settings.horizon
         if (count, n_loads) not in self._rows:
-            self._rows = {(count, n_loads): _PlanRows(self.task.mechanism, count, n_loads, N)}
+            self._rows = {(count, n_loads): _PlanRows(self.task, count, n_loads, N)}
         rows = self._rows[count, n_loads]
         rows.plans.trial[:], rows.plans.damping[:] = self._moves, self._damping
         commands = rows.laws.command.reshape(count, N + 1, -1)
