@@ -83,7 +83,8 @@ class _PlanRows:
         kernels, J, m, d = mechanism.kernels, mechanism.n_joints, mechanism.n_tendons, mechanism.dimension
         self.count, self.kernels, R = count, kernels, count * (horizon + 1)
         self.laws = TendonLaw(np.zeros((R, m)), np.ones((R, m)), np.zeros((R, m)), np.full((R, m), _HIGHEST))
-        self.laws.low[:] = task.config.possible_tensions[0]  # motors take slack up: paying out moves nothing further
+        if d == 2:  # motors take slack up: paying out moves nothing further; in space many tendons are at this limit,
+            self.laws.low[:] = task.config.possible_tensions[0]  # and none of them would have a response
         self.loads, self.starts = np.zeros((R, n_loads, len(mechanism.load_columns))), np.zeros((R, J))
         results = kernels.new_results(R, J, m)
         designs = np.zeros(R, np.int64)
