@@ -123,7 +123,7 @@ class Explorer:
             arguments = among | {"history": self._solved([], **arguments) if fresh else self.usable}
         self.found = self._solved(self.loads, **arguments)
         self.usable = self.found if self.found.ok else self.usable
-        self.jumped = self.jumped or (self.found.walls is not None and bool(self.found.jumped))
+        self.jumped = not begin and (self.jumped or (self.found.walls is not None and bool(self.found.jumped)))
 
     def _solved(self, loads: Sequence[WorldForce], **arguments: Any) -> Any:
         if self.inputs.drive == TENSIONS:
