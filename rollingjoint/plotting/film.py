@@ -95,7 +95,7 @@ def _wall_pictures(path: Sequence[Equilibrium], inputs: Array, label: str) -> It
     figure, canvas = canvas_of(9.0, 5.0)
     everywhere = [in_world(eq) for eq in path]
     places = np.concatenate([eq.poses[:, :2] for eq in everywhere])
-    margin = 1.3 * float(max(eq.walls.walls.bars[..., 5].max() for eq in path if eq.walls is not None))
+    margin = 2.4 * float(max(eq.walls.walls.bars[..., 5].max() for eq in path if eq.walls is not None))
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     ax, bar, curve = (figure.add_axes(place) for place in (_LYING if np.ptp([low, high], axis=0).argmax() == 0 else _UPRIGHT))
     draw_surroundings(ax, everywhere, outline=False)
