@@ -60,6 +60,9 @@ class Rows:
         self.rows[at[0]][at[1]] = value
 
 
+_NO_ROWS = Rows([])
+
+
 class Stack:
     """A table as the only one of a stack."""
 
@@ -143,6 +146,11 @@ class Pairs:
     first: Indices
     count: int
 
+    @property
+    def on_points(self) -> bool:
+        """Whether the wall meets points of the outline, not bars."""
+        return self.kind in ("planes", "lumens")
+
     def part(self, mask: NDArray[np.bool_]) -> Pairs:
         """Those of a mask."""
         return replace(self, row=self.row[mask], place=self.place[mask], first=self.first[mask])
@@ -176,8 +184,9 @@ class WallProblem:
         pose = torch.stack([positions[..., 0], positions[..., 1], angles], -1)
         with torch.no_grad():
             groups = list(self._groups(pose.detach()))
+        shared: dict[tuple[str, int], Any] = {}  # walls that are the same for all rows, as kernels see them
         for pairs in groups:
-            for part, sums, values in self._evaluated(pairs, pose):
+            for part, sums, values in self._evaluated(pairs, pose, shared):
                 row = torch.as_tensor(part.row)
                 link = torch.as_tensor(self._links(part))
                 forces = forces.index_put((row, link), -sums[:, [GX, GY, GM, X_DOT_G]], accumulate=True)
@@ -190,7 +199,7 @@ class WallProblem:
         return Contacts(forces, rates.unflatten(-1, (3, 3)), *columns)
 
     def _links(self, pairs: Pairs) -> Indices:
-        outline = self.tables.points if pairs.kind in ("planes", "lumens") else self.tables.bars
+        outline = self.tables.points if pairs.on_points else self.tables.bars
         return outline.detach().numpy()[self.which[pairs.row], pairs.place, 0].astype(np.int64)
 
     def _groups(self, pose: Tensor) -> Iterator[Pairs]:
@@ -228,27 +237,22 @@ class WallProblem:
         _touch_walls(*_chain(_seen(points, [], walls, self.rigid), touch, _nothing(len(touch.gaps)), pose.tolist()), True)
         return [touch.pieces[k : k + len(lumens)] for k in range(0, len(touch.pieces), len(lumens))]
 
-    def _evaluated(self, pairs: Pairs, pose: Tensor) -> Iterator[tuple[Pairs, Tensor, list[Tensor]]]:
+    def _evaluated(self, pairs: Pairs, pose: Tensor, shared: Any) -> Iterator[tuple[Pairs, Tensor, list[Tensor]]]:
         """Parts of the pairs that take the same branches: their sums (G, N_SUMS), and values of each candidate."""
         try:
-            yield pairs, *self._together(pairs, pose)
+            yield pairs, *self._together(pairs, pose, shared)
         except Parted as parted:
             mask = parted.mask.numpy()
             for part in (mask, ~mask):
-                yield from self._evaluated(pairs.part(part), pose)
+                yield from self._evaluated(pairs.part(part), pose, shared)
 
-    def _together(self, pairs: Pairs, pose: Tensor) -> tuple[Tensor, list[Tensor]]:
-        index, on_points, count = self.which[pairs.row], pairs.kind in ("planes", "lumens"), len(pairs.row)
-        outline = (self.tables.points if on_points else self.tables.bars)[index, pairs.place]
-        body = [[1, *_lanes(outline[:, 1:])]]  # all on one link, the first beyond the base
-        walls, piece = {pairs.kind: [_lanes(getattr(self.tables, pairs.kind)[index, pairs.wall])]}, pairs.piece
-        if pairs.kind == "lumens":
-            of = self.tables.pieces[0, :, -1].detach()
-            own = torch.nonzero(of == pairs.wall)[:, 0].tolist()
-            walls["pieces"] = [[*_lanes(self.tables.pieces[index, i, :-1]), 0.0] for i in own]
-            piece = own.index(piece)
-        seen = _seen(body if on_points else [], [] if on_points else body, walls, self.rigid)
-        touch = _touch(pairs.count, 1, [piece] * pairs.count)
+    def _together(self, pairs: Pairs, pose: Tensor, shared: Any) -> tuple[Tensor, list[Tensor]]:
+        outline = (self.tables.points if pairs.on_points else self.tables.bars)[self.which[pairs.row], pairs.place]
+        body = Rows([[1, *_lanes(outline[:, 1:])]], outline.shape[1])  # all on one link, the first beyond the base
+        walls, first = self._walls(pairs, shared)
+        seen = types.SimpleNamespace(**vars(walls))
+        seen.points, seen.bars = (body, _NO_ROWS) if pairs.on_points else (_NO_ROWS, body)
+        touch = _touch(pairs.count, 1, [pairs.piece - first] * pairs.count)
         touch.how[RUBS], touch.how[STIFFER] = float(self.rubs), FIRM if self.rigid else 1.0
         every = [(torch.as_tensor(pairs.row), torch.as_tensor(pairs.first + k)) for k in range(pairs.count)]
         if self.rigid:
@@ -256,9 +260,26 @@ class WallProblem:
         before = Memory(*([column[at].as_subclass(Lane) for at in every] for column in self.before))
         place = _lanes(pose[torch.as_tensor(pairs.row), torch.as_tensor(self._links(pairs))])
         _touch_walls(*_chain(seen, touch, before, [place, place]), True)
+        count = len(pairs.row)
         sums = torch.stack([_whole(value, count, pose) for value in touch.sums[0]], -1)
         fields = touch.gaps, touch.normals, touch.states, touch.slips, touch.works
         return sums, [torch.stack([_whole(f[k], count, pose) for f in fields], -1) for k in range(pairs.count)]
+
+    def _walls(self, pairs: Pairs, shared: Any) -> tuple[Any, int]:
+        """The wall of these pairs as kernels see it, and the first of its pieces."""
+        one = len(self.tables.points) == 1
+        if one and (pairs.kind, pairs.wall) in shared:
+            return shared[pairs.kind, pairs.wall]
+        index: Any = 0 if one else self.which[pairs.row]
+        table, first = getattr(self.tables, pairs.kind), 0
+        walls = {pairs.kind: [_lanes(table[index, pairs.wall])]}
+        if pairs.kind == "lumens":
+            of = self.tables.pieces[0, :, -1].detach()
+            own = torch.nonzero(of == pairs.wall)[:, 0].tolist()  # one after the other
+            first = own[0]
+            walls["pieces"] = [[*_lanes(self.tables.pieces[index, i, :-1]), 0.0] for i in own]
+        shared[pairs.kind, pairs.wall] = found = (_seen([], [], walls, self.rigid), first)
+        return found
 
 
 def _lanes(table: Tensor) -> list[Any]:
@@ -270,7 +291,7 @@ def _whole(value: Any, count: int, like: Tensor) -> Tensor:
     """Numbers of all pairs, (G,)."""
     if not isinstance(value, Tensor):
         return like.new_full((count,), value)
-    return value.as_subclass(torch.Tensor).expand(count)
+    return value.as_subclass(torch.Tensor).expand(count)  # of a wall alone, without an axis of pairs
 
 
 def _nothing(count: int) -> Memory:
