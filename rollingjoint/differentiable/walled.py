@@ -158,7 +158,7 @@ class WalledState(ChainState):
 
     def rows(self, values: Tensor) -> Tensor:
         """Values (B, ...) with the axes of the batch."""
-        return values.reshape(*self.among.base.shape[:-1], *values.shape[1:])
+        return values.reshape((*self.among.base.shape[:-1], *values.shape[1:]))
 
     @cached_property
     def wall_forces(self) -> Tensor:
