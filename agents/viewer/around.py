@@ -1,5 +1,4 @@
-"""Walls around a planar chain in the hands of a person: obstacles that are moved, a lumen that is bent, a base that
-is pushed in."""
+"""Walls around a planar chain in a person's hands: obstacles that are moved, a bent lumen, a base that moves in."""
 
 from __future__ import annotations
 
@@ -48,8 +47,9 @@ class Around:
 
     def on_the_way(self, end: Around, share: float) -> Around:
         """The walls after a share of the way to the end."""
-        pairs = zip(self.moved, end.moved, strict=True)
-        moved = tuple(tuple(a + share * (b - a) for a, b in zip(*pair, strict=True)) for pair in pairs)
+        moved = tuple(
+            (x + share * (u - x), y + share * (v - y)) for (x, y), (u, v) in zip(self.moved, end.moved, strict=True)
+        )
         bend, feed = (a + share * (b - a) for a, b in ((self.bend, end.bend), (self.feed, end.feed)))
         return replace(end, moved=moved, bend=bend, feed=feed)
 
@@ -129,5 +129,5 @@ def scenes(mechanism: Any, of_files: Mapping[str, Scene] | None = None) -> dict[
     lumen = Lumen([piece, piece], [_BEND / piece, 0.0], radius, start)
     disc = Disc((0.2 * length + wide, 0.7 * length), 0.1 * length)
     plane = HalfPlane((-1.0, 0.0), -0.15 * length - wide)
-    own = {"an obstacle": [disc], "a lumen": [lumen], "a flat wall": [plane]}
+    own: dict[str, list[Wall]] = {"an obstacle": [disc], "a lumen": [lumen], "a flat wall": [plane]}
     return {**(of_files or {}), **{name: Scene(Surroundings(walls)) for name, walls in own.items()}}

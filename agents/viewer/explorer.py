@@ -290,7 +290,9 @@ class Explorer:
         circles = np.zeros((size if size > 2 else 1, TURN, size))
         for first, circle in enumerate(circles):
             circle[:, first], circle[:, (first + 1) % size] = np.cos(turns), np.sin(turns)
-        return float(fitting[-1]), [self.in_world(circle) for circle in self.found.tip + fitting[-1] * circles @ compliance.T]
+        return float(fitting[-1]), [
+            self.in_world(circle) for circle in self.found.tip + fitting[-1] * circles @ compliance.T
+        ]
 
     def reached(self) -> Array:
         """Points that the tip reaches under the load with any tensions up to HIGHEST, without friction, (N, d) [mm].

@@ -113,7 +113,7 @@ def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
 
 
 def slab(first: Array, second: Array, depth: float) -> tuple[Array, NDArray[np.uint32]]:
-    """What is between two edges in the plane, (k, 2) each, `depth` [mm] thick: front and back, and walls between them."""
+    """The solid between two edges in the plane, (k, 2) each, `depth` [mm] thick: front, back and the sides."""
     outline = np.concatenate([first, second[::-1]])
     count, last, along = len(outline), len(outline) - 1, len(first)
     vertices = np.concatenate([in_space(outline, 0.5 * depth), in_space(outline, -0.5 * depth)])

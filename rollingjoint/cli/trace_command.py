@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -116,10 +117,11 @@ def _feeds(args: argparse.Namespace, columns: Mapping[str, Array]) -> Array | No
         raise InvalidInput("--feed", args.feed, "two numbers or more [mm]", "The base moves from one to the next.")
     turns = [checked("--feed", value) for value in args.feed]
     step = checked("--feed-step", 1.0 if args.feed_step is None else args.feed_step, 1e-6)
-    counts = [max(1.0, np.ceil(abs(b - a) / step)) for a, b in zip(turns, turns[1:], strict=False)]
+    legs = list(itertools.pairwise(turns))
+    counts = [max(1.0, np.ceil(abs(b - a) / step)) for a, b in legs]
     if sum(counts) >= MOST_STEPS:
         raise InvalidInput("steps of --feed", f"{sum(counts):.0f}", f"less than {MOST_STEPS:,}", "Raise --feed-step.")
-    ways = [np.linspace(a, b, int(n) + 1)[1:] for a, b, n in zip(turns, turns[1:], counts, strict=False)]
+    ways = [np.linspace(a, b, int(n) + 1)[1:] for (a, b), n in zip(legs, counts, strict=True)]
     return np.concatenate([turns[:1], *ways])
 
 
@@ -151,4 +153,4 @@ def _draw(traced: TracedPath, path: str) -> None:
     if path.lower().endswith(f".{ANIMATED}"):
         save_wall_film(steps, values, path, label)
     else:
-        save_figure(plot_wall_contacts(steps, values, label), path)
+        save_figure(plot_wall_contacts(steps, values.tolist(), label), path)

@@ -38,9 +38,9 @@ with naming_extras():
     from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
     from rollingjoint.differentiable.spatial_design import DifferentiableSpatialChain
     from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
+    from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
     from rollingjoint.differentiable.surroundings import DifferentiableSurroundings
     from rollingjoint.differentiable.walled import WalledEquilibria
-    from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
 
 __all__ = [
     "DifferentiableChain",

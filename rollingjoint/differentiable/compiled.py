@@ -67,8 +67,8 @@ def solve_compiled(
         history = FrictionState(**before, rolling=np.zeros_like(begin))
         equilibrium = step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling), walls)
     elif among is not None and among.before is not None:
-        none, past = no_friction(begin, law.command.shape[-1])
-        equilibrium = step_batch(*inputs, FrictionState(*past), none, walls)
+        coefficients, past = no_friction(begin, law.command.shape[-1])
+        equilibrium = step_batch(*inputs, FrictionState(*past), coefficients, walls)
     else:
         equilibrium = solve_batch(*inputs, walls)
     codes = codes_of(equilibrium.status)

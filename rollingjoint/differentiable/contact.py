@@ -1,7 +1,8 @@
 """Contact with walls at one pose, in tensors: the kernels' own source runs on the pairs that press, gradients included.
 
-Pairs of an outline's point or bar and a wall are evaluated together, as long as they take the same branches; where they
-part, each part is evaluated by itself. Everything is in the frame of the walls. Symbols as in docs/theory.md, section 12.
+Pairs of an outline's point or bar and a wall are evaluated together, as long as they take the same branches; where
+they part, each part is evaluated by itself. Everything is in the frame of the walls. Symbols as in docs/theory.md,
+section 12.
 """
 
 from __future__ import annotations
@@ -19,7 +20,19 @@ from torch import Tensor
 
 from rollingjoint.differentiable.formulas import of_tensors, root
 from rollingjoint.kernels.seen_walls import N_PIECE, see
-from rollingjoint.kernels.wall_contacts import GM, GX, GY, N_HOW, N_SUMS, RUBS, SOFTER, STIFFER, SUM_S, X_DOT_G, touch_walls
+from rollingjoint.kernels.wall_contacts import (
+    GM,
+    GX,
+    GY,
+    N_HOW,
+    N_SUMS,
+    RUBS,
+    SOFTER,
+    STIFFER,
+    SUM_S,
+    X_DOT_G,
+    touch_walls,
+)
 from rollingjoint.kernels.walls import N_LAW
 
 Indices = NDArray[np.int64]
@@ -46,7 +59,7 @@ class Lane(torch.Tensor):
         return bool(values[0])
 
 
-class Rows:
+class KernelTable:
     """A table of numbers of several pairs, as kernels index an array."""
 
     def __init__(self, rows: Sequence[Sequence[Any]], width: int = 0) -> None:
@@ -60,13 +73,13 @@ class Rows:
         self.rows[at[0]][at[1]] = value
 
 
-_NO_ROWS = Rows([])
+_NO_ROWS = KernelTable([])
 
 
 class Stack:
     """A table as the only one of a stack."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: KernelTable) -> None:
         self.rows = rows
 
     def __getitem__(self, at: Any) -> Any:
@@ -100,7 +113,7 @@ class WallTables(NamedTuple):
     lumens: Tensor
 
 
-class Memory(NamedTuple):
+class TouchMemory(NamedTuple):
     """What contact remembers from the step before, (B, candidates) each, as kernels.wall_contacts.Touched."""
 
     states: Tensor
@@ -109,7 +122,7 @@ class Memory(NamedTuple):
     normals: Tensor
 
 
-class Contacts(NamedTuple):
+class ContactsAtPose(NamedTuple):
     """Contact of B chains with their walls; zero for pairs that have not been evaluated.
 
     Attributes:
@@ -172,10 +185,10 @@ class WallProblem:
     rigid: bool
     rubs: bool
     chosen: NDArray[np.bool_]
-    before: Memory
+    before: TouchMemory
     multipliers: Tensor
 
-    def at(self, positions: Tensor, angles: Tensor) -> Contacts:
+    def at(self, positions: Tensor, angles: Tensor) -> ContactsAtPose:
         """Contact at poses of the links among the walls: origins (B, n, 2) [mm] and angles (B, n) [rad]."""
         shape, like = self.chosen.shape, positions
         n = angles.shape[1]
@@ -196,7 +209,7 @@ class WallProblem:
                     columns = [
                         column.index_put(at, new) for column, new in zip(columns, values[k].unbind(-1), strict=True)
                     ]
-        return Contacts(forces, rates.unflatten(-1, (3, 3)), *columns)
+        return ContactsAtPose(forces, rates.unflatten(-1, (3, 3)), *columns)
 
     def _links(self, pairs: Pairs) -> Indices:
         outline = self.tables.points if pairs.on_points else self.tables.bars
@@ -204,7 +217,8 @@ class WallProblem:
 
     def _groups(self, pose: Tensor) -> Iterator[Pairs]:
         """All pairs that are chosen, by wall, and of lumens by piece."""
-        tables, found = self.tables, {}
+        tables = self.tables
+        found: dict[tuple[str, int, int, int], dict[tuple[int, int, int], None]] = {}
         (planes, discs, capsules), lumens = (t.shape[1] for t in tables[2:5]), tables.lumens.shape[1]
         points = tables.points.shape[1]
         width, start = planes + lumens, points * (planes + lumens)
@@ -234,7 +248,9 @@ class WallProblem:
         points, lumens = tables[0], tables[-1]
         walls = {"lumens": lumens, "pieces": tables[5]}
         touch = _touch(len(points) * len(lumens), len(pose) - 1, [-1] * len(points) * len(lumens))
-        _touch_walls(*_chain(_seen(points, [], walls, self.rigid), touch, _nothing(len(touch.gaps)), pose.tolist()), True)
+        _touch_walls(
+            *_chain(_seen(points, [], walls, self.rigid), touch, _nothing(len(touch.gaps)), pose.tolist()), True
+        )
         return [touch.pieces[k : k + len(lumens)] for k in range(0, len(touch.pieces), len(lumens))]
 
     def _evaluated(self, pairs: Pairs, pose: Tensor, shared: Any) -> Iterator[tuple[Pairs, Tensor, list[Tensor]]]:
@@ -248,7 +264,9 @@ class WallProblem:
 
     def _together(self, pairs: Pairs, pose: Tensor, shared: Any) -> tuple[Tensor, list[Tensor]]:
         outline = (self.tables.points if pairs.on_points else self.tables.bars)[self.which[pairs.row], pairs.place]
-        body = Rows([[1, *_lanes(outline[:, 1:])]], outline.shape[1])  # all on one link, the first beyond the base
+        body = KernelTable(
+            [[1, *_lanes(outline[:, 1:])]], outline.shape[1]
+        )  # all on one link, the first beyond the base
         walls, first = self._walls(pairs, shared)
         seen = types.SimpleNamespace(**vars(walls))
         seen.points, seen.bars = (body, _NO_ROWS) if pairs.on_points else (_NO_ROWS, body)
@@ -257,7 +275,7 @@ class WallProblem:
         every = [(torch.as_tensor(pairs.row), torch.as_tensor(pairs.first + k)) for k in range(pairs.count)]
         if self.rigid:
             touch.multipliers = [self.multipliers[at].as_subclass(Lane) for at in every]
-        before = Memory(*([column[at].as_subclass(Lane) for at in every] for column in self.before))
+        before = TouchMemory(*([column[at].as_subclass(Lane) for at in every] for column in self.before))
         place = _lanes(pose[torch.as_tensor(pairs.row), torch.as_tensor(self._links(pairs))])
         _touch_walls(*_chain(seen, touch, before, [place, place]), True)
         count = len(pairs.row)
@@ -294,19 +312,23 @@ def _whole(value: Any, count: int, like: Tensor) -> Tensor:
     return value.as_subclass(torch.Tensor).expand(count)  # of a wall alone, without an axis of pairs
 
 
-def _nothing(count: int) -> Memory:
+def _nothing(count: int) -> TouchMemory:
     """The memory of candidates that have never touched a wall."""
-    return Memory(*([0.0] * count for _ in Memory._fields))  # type: ignore[arg-type]
+    return TouchMemory(*([0.0] * count for _ in TouchMemory._fields))
 
 
 def _seen(points: Any, bars: Any, walls: dict[str, Any], rigid: bool) -> Any:
     """kernels.seen_walls.Seen of these rows, as seen from the origin of the walls."""
-    tables = {"points": Rows(points, 5), "bars": Rows(bars, 6)}
-    tables |= {name: Rows(walls.get(name, [])) for name in ("planes", "discs", "capsules", "pieces", "lumens")}
+    tables = {"points": KernelTable(points, 5), "bars": KernelTable(bars, 6)}
+    tables |= {name: KernelTable(walls.get(name, [])) for name in ("planes", "discs", "capsules", "pieces", "lumens")}
     widths = {"planes": 4 + N_LAW, "discs": 3 + N_LAW, "capsules": 6 + N_LAW, "pieces": N_PIECE, "lumens": 2 + N_LAW}
-    empty = {name: Rows([[0.0] * width for _ in tables[name].rows]) for name, width in widths.items()}
-    outline = {name: Rows([[0.0] * len(row) for row in tables[name].rows], tables[name].shape[1]) for name in _OUTLINE}
-    seen = types.SimpleNamespace(**outline, **empty, steepness=[1.0] * len(walls.get("lumens", [])), angle=[0.0], rigid=[0.0])
+    empty = {name: KernelTable([[0.0] * width for _ in tables[name].rows]) for name, width in widths.items()}
+    outline = {
+        name: KernelTable([[0.0] * len(row) for row in tables[name].rows], tables[name].shape[1]) for name in _OUTLINE
+    }
+    seen = types.SimpleNamespace(
+        **outline, **empty, steepness=[1.0] * len(walls.get("lumens", [])), angle=[0.0], rigid=[0.0]
+    )
     stacks = {name: Stack(table) for name, table in tables.items()}
     _see(types.SimpleNamespace(**stacks, rigid=[float(rigid)]), 0, _ORIGIN, seen)
     return seen
@@ -317,12 +339,14 @@ def _touch(count: int, links: int, pieces: list[int]) -> Any:
     names = "gaps", "normals", "states", "slips", "sides", "works", "frozen", "multipliers"
     how = [0.0] * N_HOW
     how[STIFFER] = how[SOFTER] = 1.0
-    sums = Rows([[0.0] * N_SUMS for _ in range(links)], N_SUMS)
+    sums = KernelTable([[0.0] * N_SUMS for _ in range(links)], N_SUMS)
     columns = {name: [0.0] * count for name in names}
-    return types.SimpleNamespace(**columns, pieces=pieces, clear=Rows([[0.0] * 3 for _ in range(count)]), sums=sums, how=how)
+    return types.SimpleNamespace(
+        **columns, pieces=pieces, clear=KernelTable([[0.0] * 3 for _ in range(count)]), sums=sums, how=how
+    )
 
 
-def _chain(seen: Any, touch: Any, before: Memory, poses: Any) -> tuple[Any, Any]:
+def _chain(seen: Any, touch: Any, before: TouchMemory, poses: Any) -> tuple[Any, Any]:
     """A chain and its state, as far as contact with walls needs them; poses: x, y, angle of every link."""
     rows = [[x, y, angle, _MATH.cos(angle), _MATH.sin(angle)] for x, y, angle in poses]
-    return types.SimpleNamespace(walls=seen, touch=touch, before=before), types.SimpleNamespace(pose=Rows(rows))
+    return types.SimpleNamespace(walls=seen, touch=touch, before=before), types.SimpleNamespace(pose=KernelTable(rows))

@@ -82,9 +82,10 @@ def solve_tensions(
             the compiled solver, whichever is named. Friction of walls acts where the history is among walls, too.
         base: pose of the base among them, (..., 3) x, y [mm], angle [rad].
     Returns:
-        Equilibria, WalledEquilibria among walls; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
+        Equilibria, WalledEquilibria among walls; look at `ok`. A design that cannot be built, like numbers that are
+        not finite, is INVALID_INPUT.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
     with without_looking(_fixed(steps, solver)):
@@ -114,7 +115,7 @@ def solve_lengths(
     Returns:
         Equilibria; look at `ok`.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
     """
     command = _numbers(design, "lengths", lengths, design.n_tendons)
     limits = [_on_device(design, limit) for limit in tension_limits]

@@ -32,8 +32,8 @@ class DifferentiableSurroundings:
     Walls are in the order of the kernels: half planes, discs, capsules (those of polygons, too), lumens.
 
     Attributes:
-        points: discs of the outline, (..., P, 5): link, x, y, radius, length. bars: its capsules, (..., Q, 6): link, first
-            end x, y, second end x, y, radius [mm].
+        points: discs of the outline, (..., P, 5): link, x, y, radius, length. bars: its capsules, (..., Q, 6): link,
+            first end x, y, second end x, y, radius [mm].
         planes: normal, of any length, and offset, (..., H, 3). discs: x, y, radius, (..., D, 3).
         capsules: first end, second end, radius, (..., K, 5) [mm].
         starts: x, y, angle at the start of every lumen, (..., L, 3). lengths, curvatures: of the pieces of all lumens,
@@ -88,7 +88,9 @@ class DifferentiableSurroundings:
             **{name: np.array([x for lumen in lumens for x in getattr(lumen, name)]) for name in _OF_LUMENS},
             **dict(zip(LAW, law.T, strict=False)),
         }  # fmt: skip
-        tensors = {name: torch.tensor(np.array(values, float), requires_grad=name in names) for name, values in numbers.items()}
+        tensors = {
+            name: torch.tensor(np.array(values, float), requires_grad=name in names) for name, values in numbers.items()
+        }
         pieces = tuple(len(lumen.lengths) for lumen in lumens)
         return cls(**tensors, pieces=pieces, per_length=tuple((law[:, -1] > 0.0).tolist()), rigid=surroundings.rigid)
 
@@ -136,7 +138,12 @@ class DifferentiableSurroundings:
         """Rows of Walls.pieces, (D, N, 9)."""
         rows: list[Tensor] = []
         borders = [count + 1 for count in self.pieces]
-        parts = zip(self.lengths.split(self.pieces, 1), self.curvatures.split(self.pieces, 1), self.radii.split(borders, 1), strict=True)
+        parts = zip(
+            self.lengths.split(self.pieces, 1),
+            self.curvatures.split(self.pieces, 1),
+            self.radii.split(borders, 1),
+            strict=True,
+        )
         for number, (lengths, curvatures, radii) in enumerate(parts):
             x, y, angle = self.starts[:, number].unbind(-1)
             place, arc = torch.complex(x, y), torch.zeros_like(x)
@@ -154,8 +161,8 @@ _OF_LUMENS = ("lengths", "curvatures", "radii")
 
 def numeric(tables: WallTables, rigid: bool) -> Walls:
     """The arrays of kernels."""
-    arrays = [np.ascontiguousarray(table.detach().cpu().numpy()) for table in tables]
-    return Walls(*arrays, np.full(len(arrays[0]), float(rigid)))
+    arrays = {name: np.ascontiguousarray(table.detach().numpy()) for name, table in tables._asdict().items()}
+    return Walls(**arrays, rigid=np.full(len(tables.points), float(rigid)))
 
 
 def n_candidates(tables: WallTables) -> int:

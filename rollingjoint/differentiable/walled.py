@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rollingjoint.chain.wall_step import WallStep, new_wall_arrays
-from rollingjoint.differentiable.contact import FIRM, Contacts, Memory, WallProblem
+from rollingjoint.differentiable.contact import FIRM, ContactsAtPose, TouchMemory, WallProblem
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.geometry import turned
 from rollingjoint.differentiable.loads import cross, dot
@@ -40,9 +40,9 @@ class Among:
 
     surroundings: DifferentiableSurroundings
     base: Tensor
-    before: Memory | None = None
+    before: TouchMemory | None = None
     past: WalledState | None = None
-    after: Memory | None = None
+    after: TouchMemory | None = None
     problem: WallProblem | None = None
 
     @property
@@ -111,10 +111,13 @@ class Among:
             rigid=self.surroundings.rigid,
             rubs=self.before is not None,
             chosen=(presses | remembered) & good[:, None],
-            before=self.before or Memory(*(torch.zeros(shape, dtype=torch.float64) for _ in Memory._fields)),
+            before=self.before or TouchMemory(*(torch.zeros(shape, dtype=torch.float64) for _ in TouchMemory._fields)),
             multipliers=torch.as_tensor(normals + PENALTY * FIRM * np.where(presses, gaps, 0.0)),
         )
-        return replace(self, after=Memory(*(torch.as_tensor(whole(values)) for values in touched or [None] * 4)), problem=problem)
+        names = TouchMemory._fields
+        remembers = {name: torch.as_tensor(whole(values)) for name, values in zip(names, touched, strict=False)}
+        after = TouchMemory(**{name: remembers.get(name, torch.zeros(shape, dtype=torch.float64)) for name in names})
+        return replace(self, after=after, problem=problem)
 
     def tied(self) -> Among:
         """With tensors that depend on the parameters of the walls, and on the steps before."""
@@ -133,12 +136,12 @@ class WalledState(ChainState):
     among: Among
 
     @cached_property
-    def contact(self) -> Contacts:
+    def contact(self) -> ContactsAtPose:
         """Contact with the walls, rows flattened."""
         assert self.among.problem is not None
         return self._contact_in(self.among.problem)
 
-    def _contact_in(self, problem: WallProblem) -> Contacts:
+    def _contact_in(self, problem: WallProblem) -> ContactsAtPose:
         batch, n = self.among.base.shape[:-1], self.link_angles.shape[-1]
         places, angles = self.in_world(self.positions), self.link_angles + self.among.base[..., 2:]
         return problem.at(
@@ -170,7 +173,7 @@ class WalledState(ChainState):
 
     @cached_property
     def _beyond(self) -> Tensor:
-        """Sums of Contacts.forces on the links beyond every joint, (..., J, 4)."""
+        """Sums of ContactsAtPose.forces on the links beyond every joint, (..., J, 4)."""
         return self.rows(self.contact.forces).flip(-2).cumsum(-2).flip(-2)[..., 1:, :]
 
     @cached_property
@@ -196,7 +199,9 @@ class WalledState(ChainState):
         joints, (fx, fy, _, along) = torch.arange(turn.shape[-2]), self._beyond.unbind(-1)
         later = torch.maximum(joints[:, None], joints)
         dead = (along - dot(contacts, torch.complex(fx, fy)))[..., later]  # as of loads of constant direction
-        return super().stiffness + dead + torch.einsum("...ia,...imab,...mb->...im", turn, beyond[..., later, :, :], turn)
+        return (
+            super().stiffness + dead + torch.einsum("...ia,...imab,...mb->...im", turn, beyond[..., later, :, :], turn)
+        )
 
 
 class WalledEquilibria(Equilibria):
@@ -212,7 +217,7 @@ class WalledEquilibria(Equilibria):
         return self._state
 
     @property
-    def wall_memory(self) -> Memory:
+    def wall_memory(self) -> TouchMemory:
         """What contact remembers, for the next step, (B, candidates)."""
         after, contact = self.walled.among.after, self.walled.contact
         assert after is not None

@@ -83,7 +83,9 @@ def _as_float(value: str) -> Any:
 def _from_yaml(source: str, valid: list[str]) -> dict[str, Array]:
     content = mapping(source, read_yaml(Path(source)), valid)
     lists = {
-        name: [number(f"{source}: {name}", value)] if not isinstance(value, list) else numbers(f"{source}: {name}", value)
+        name: [number(f"{source}: {name}", value)]
+        if not isinstance(value, list)
+        else numbers(f"{source}: {name}", value)
         for name, value in content.items()
     }
     longest = max(map(len, lists.values()), default=0)

@@ -77,7 +77,7 @@ class TracedPath:
 
     @property
     def wall_columns(self) -> dict[str, Array]:
-        """Contact with walls at every step: number of contacts, of those that stick, forces, whether the pose jumped."""
+        """Contact with walls at every step: numbers of contacts and of those that stick, forces, jumps of the pose."""
         touches = self.path.wall_contacts
         sticking = [sum(touch.sticks for touch in every) * (self._remembers) for every in touches]
         forces = self.path.wall_forces

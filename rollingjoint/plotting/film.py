@@ -97,7 +97,9 @@ def _wall_pictures(path: Sequence[Equilibrium], inputs: Array, label: str) -> It
     places = np.concatenate([eq.poses[:, :2] for eq in everywhere])
     margin = 2.4 * float(max(eq.walls.walls.bars[..., 5].max() for eq in path if eq.walls is not None))
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
-    ax, bar, curve = (figure.add_axes(place) for place in (_LYING if np.ptp([low, high], axis=0).argmax() == 0 else _UPRIGHT))
+    ax, bar, curve = (
+        figure.add_axes(place) for place in (_LYING if np.ptp([low, high], axis=0).argmax() == 0 else _UPRIGHT)
+    )
     draw_surroundings(ax, everywhere, outline=False)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     colors, scale = force_colors(path), wall_arrow_scale(path)

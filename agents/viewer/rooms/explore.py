@@ -201,7 +201,7 @@ class Explore:
         moved[number] = (float(x), float(y))
         self.change(around=replace(around, moved=tuple(moved)))
 
-    def _set_walls(self, **numbers: float) -> None:
+    def _set_walls(self, **numbers: Any) -> None:
         """Set numbers of the walls: bend, feed, stiffness, friction."""
         self.change(around=replace(self.explorer.inputs.around, **numbers))
 

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
-from rollingjoint import Bare, Capsule, Disc, HalfPlane, InvalidInput, Lumen, Polygon, Sleeve, Surroundings, WallFriction
+from rollingjoint import (
+    Bare,
+    Capsule,
+    Disc,
+    HalfPlane,
+    InvalidInput,
+    Lumen,
+    Polygon,
+    Sleeve,
+    Surroundings,
+    WallFriction,
+)
 from rollingjoint.load import load_table
 
 torch = pytest.importorskip("torch")
@@ -63,7 +74,8 @@ def weights(equilibrium, seed):
     """Weights of the sum of all fields, each of about the same size."""
     rng = np.random.default_rng(seed)
     return [
-        rng.normal(size=np.shape(values)) / max(1.0, np.abs(np.asarray(values)).max()) for values in fields_of(equilibrium)
+        rng.normal(size=np.shape(values)) / max(1.0, np.abs(np.asarray(values)).max())
+        for values in fields_of(equilibrium)
     ]
 
 
@@ -128,7 +140,7 @@ def test_values_are_those_of_the_compiled_solver(scene):
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_gradients_are_those_of_differences(scene):
-    """By every number of walls and outline, by the base, the commands and a load: central differences of four solves."""
+    """By every number of walls and outline, the base, the commands and a load: central differences of four solves."""
     walls, leaves = differentiable(scene)
     found = solve_lengths(
         DifferentiableChain.from_mechanism(CHAIN), leaves["commands"], leaves["loads"], surroundings=walls,
@@ -137,7 +149,9 @@ def test_gradients_are_those_of_differences(scene):
     at = solved(walls, leaves)
     every = weights(at, 0)
     total = sum((values * torch.as_tensor(w)).sum() for values, w in zip(fields_of(found), every, strict=True))
-    gradients = dict(zip(leaves, torch.autograd.grad(total, list(leaves.values()), materialize_grads=True), strict=True))
+    gradients = dict(
+        zip(leaves, torch.autograd.grad(total, list(leaves.values()), materialize_grads=True), strict=True)
+    )
 
     def value(name, place, by):
         moved = solved(*changed(leaves, walls, name, place, by), start=at)
@@ -195,7 +209,9 @@ def test_steps_with_friction_are_those_of_the_compiled_solver(way, mu):
     np.testing.assert_allclose(states[pressing], expected.walls.states[pressing], atol=1e-7)
     assert (np.abs(states[pressing]) < 1.0).all() or way != "turning back"
     np.testing.assert_allclose(found.dissipated_work.detach(), expected.dissipated_work, atol=1e-8)
-    np.testing.assert_allclose(found.stiffness.detach(), expected.stiffness, atol=1e-8 * np.abs(expected.stiffness).max())
+    np.testing.assert_allclose(
+        found.stiffness.detach(), expected.stiffness, atol=1e-8 * np.abs(expected.stiffness).max()
+    )
 
 
 @pytest.mark.parametrize("way", WAY)
@@ -236,7 +252,9 @@ def test_rows_have_walls_and_bases_of_their_own_and_a_row_without_one_has_no_gra
     design = DifferentiableChain.from_mechanism(CHAIN)
     places = torch.tensor([[-9.0, 66.0, 4.0], [-40.0, 66.0, 4.0], [-9.0, 66.0, -1.0]], dtype=torch.float64)
     discs = places[:, None].clone().requires_grad_()
-    base = torch.tensor([[0.1, 30.0, 0.05], [0.0, 20.0, 0.0], [0.1, 30.0, 0.05]], requires_grad=True, dtype=torch.float64)
+    base = torch.tensor(
+        [[0.1, 30.0, 0.05], [0.0, 20.0, 0.0], [0.1, 30.0, 0.05]], requires_grad=True, dtype=torch.float64
+    )
     found = solve_lengths(design, LENGTHS, surroundings=walls.replace(discs=discs), base=base, tension_limits=LIMITS)
     assert found.ok.tolist() == [True, True, False]
     for row in range(2):
