@@ -15,6 +15,7 @@ Modules:
     recorded: files of episodes.
     designs: designs of a search.
     stage: a step of an episode in the scene.
+    around: walls around a mechanism, which a person moves.
     body: a mechanism in the scene.
     solids: its shapes and lines.
     chart: a scatter plot in the scene.

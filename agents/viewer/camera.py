@@ -40,7 +40,7 @@ def among_walls_view(mechanism: Any, base: tuple[float, float, float]) -> View:
     """A chain and the walls around it and ahead of it, left of the panel; base: its pose among them."""
     view, (x, y, angle) = mechanism_view(mechanism), base
     ahead = np.array([-np.sin(angle), np.cos(angle), 0.0])
-    return View(view.at * (1.6, 0.0, 1.0) + [x, y, 0.0] + mechanism.length * ahead, 2.0 * view.away, view.up)
+    return View(view.at * (1.2, 0.0, 1.0) + [x, y, 0.0] + 1.2 * mechanism.length * ahead, 1.8 * view.away, view.up)
 
 
 def episode_view(scene: TrackingScene) -> View:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.status import Status
 from rollingjoint.io.path_file import BASE, UNITS
+from rollingjoint.statics.among import has_wall_friction
 from rollingjoint.tables import text_table
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ class TracedPath:
     """Equilibria along a path, and what was given.
 
     Args:
-        path: the equilibria, a leading axis K on their arrays.
+        path: the equilibria, a leading axis K on their arrays; the first is a step without friction.
         given: "lengths" or "tensions". inputs: (K, m). bases: (K, 3) poses of the base among walls; None: no walls.
         feeds: (K,) way of the base along its y axis, where that is what was given [mm].
     """
@@ -78,8 +79,8 @@ class TracedPath:
     @property
     def wall_columns(self) -> dict[str, Array]:
         """Contact with walls at every step: numbers of contacts and of those that stick, forces, jumps of the pose."""
-        touches = self.path.wall_contacts
-        sticking = [sum(touch.sticks for touch in every) * (self._remembers) for every in touches]
+        touches, rubs = self.path.wall_contacts, has_wall_friction(self.path.walls.walls)
+        sticking = [sum(touch.sticks for touch in every) if rubs and step else 0 for step, every in enumerate(touches)]
         forces = self.path.wall_forces
         columns = {
             "wall_contacts": np.array([len(every) for every in touches]),
@@ -92,10 +93,6 @@ class TracedPath:
             for name, values in zip(("x_N", "y_N", "moment_N_mm"), forces[:, link].T, strict=True):
                 columns[f"wall_force_{link}_{name}"] = values
         return columns
-
-    @property
-    def _remembers(self) -> bool:
-        return self.path.walls.memory is not None
 
     def as_table(self) -> str:
         """A line per step: what drives it, the tip, contact with walls, work of friction, how it ended."""

@@ -193,17 +193,19 @@ class Explore:
 
     def drag_obstacle(self, number: int, place: Array) -> None:
         """Move an obstacle to where its cross is dragged."""
-        around, scene = self.explorer.inputs.around, self.explorer.scene
-        if scene is None or number >= len(around.moved):
-            return
-        moved = list(around.moved)
-        x, y = np.asarray(place)[:2] - scene.places(scene.begun(around.walls))[number]
-        moved[number] = (float(x), float(y))
-        self.change(around=replace(around, moved=tuple(moved)))
+        with self._lock:  # a change may be under way
+            around, scene = self.explorer.inputs.around, self.explorer.scene
+            if scene is None or number >= len(around.moved):
+                return
+            moved = list(around.moved)
+            x, y = np.asarray(place)[:2] - scene.places(scene.begun(around.walls))[number]
+            moved[number] = (float(x), float(y))
+            self.change(around=replace(around, moved=tuple(moved)))
 
     def _set_walls(self, **numbers: Any) -> None:
         """Set numbers of the walls: bend, feed, stiffness, friction."""
-        self.change(around=replace(self.explorer.inputs.around, **numbers))
+        with self._lock:
+            self.change(around=replace(self.explorer.inputs.around, **numbers))
 
     @property
     def _height(self) -> float:
