@@ -6,6 +6,7 @@ Modules:
     serving: silent servers of viser that answer only requests that a guard admits.
     rooms: the tabs of a browser.
     record: pages that play without a server.
+    around: walls around a mechanism, which a person moves.
     explorer: a mechanism under inputs that a person sets.
     drive: a controller in an episode, and a film of the episode.
     controllers: the controllers that can drive in an environment.
@@ -15,7 +16,6 @@ Modules:
     recorded: files of episodes.
     designs: designs of a search.
     stage: a step of an episode in the scene.
-    around: walls around a mechanism, which a person moves.
     body: a mechanism in the scene.
     solids: its shapes and lines.
     chart: a scatter plot in the scene.

@@ -71,23 +71,24 @@ def test_files_hold_lengths_and_bases_of_every_step(capsys, tmp_path):
     head = ["length_0_mm", "length_1_mm", "length_2_mm", "length_3_mm", "base_x_mm", "base_y_mm", "base_angle_rad"]
     bases = np.array([[0.0, -20.0, 0.0], [0.1, 0.0, 0.01]])
     table = np.column_stack([lengths, bases])
-    (tmp_path / "way.csv").write_text("\n".join([",".join(head), *(",".join(map(repr, row)) for row in table.tolist())]))
+    text = "\n".join([",".join(head), *(",".join(map(repr, row)) for row in table.tolist())])
+    (tmp_path / "way.csv").write_text(text)
     columns = {name: values.tolist() for name, values in zip(head, table.T, strict=True)}
     (tmp_path / "way.yaml").write_text("\n".join(f"{name}: {values}" for name, values in columns.items()))
-    found = []
+    found, limits = [], "--tension-limits 0.5 15"
     for name in ("way.csv", "way.yaml"):
-        assert rj(f"trace two_segment --path {tmp_path / name} --surroundings {WALLS} --tension-limits 0.5 15 --csv") == 0
+        assert rj(f"trace two_segment --path {tmp_path / name} --surroundings {WALLS} {limits} --csv") == 0
         found.append(capsys.readouterr().out)
-    path = trace(
-        chain, lengths, tension_limits=(0.5, 15.0), surroundings=load_surroundings(WALLS), base=bases
-    )
+    path = trace(chain, lengths, tension_limits=(0.5, 15.0), surroundings=load_surroundings(WALLS), base=bases)
     assert found[0] == found[1]
     np.testing.assert_allclose([float(row["tip_y_mm"]) for row in rows_of(found[0])], path.tip[:, 1], atol=1e-9)
     np.testing.assert_allclose([float(row["length_1_mm"]) for row in rows_of(found[0])], lengths[:, 1])
 
 
 def test_a_feed_in_a_file_moves_along_the_base_and_numbers_that_stay_are_one(capsys, tmp_path):
-    (tmp_path / "way.yaml").write_text("feed_mm: [0, 10]\ntension_0_N: 3\ntension_1_N: 3\ntension_2_N: 3\ntension_3_N: 4\n")
+    (tmp_path / "way.yaml").write_text(
+        "feed_mm: [0, 10]\ntension_0_N: 3\ntension_1_N: 3\ntension_2_N: 3\ntension_3_N: 4\n"
+    )
     assert rj(f"trace two_segment --path {tmp_path / 'way.yaml'} {AMONG} --csv") == 0
     first, second = rows_of(capsys.readouterr().out)
     assert float(second["base_y_mm"]) - float(first["base_y_mm"]) == pytest.approx(10.0 * np.cos(0.02))
