@@ -186,13 +186,17 @@ class Explorer:
         touches, push = self.found.wall_contacts, f"{self.found.insertion_force + 0.0:.2f} N push the base"
         jump = "⚠ **jumped** to another pose" if self.jumped else ""
         if not touches:
-            return ", ".join(filter(None, [jump, "no link touches a wall"]))
+            return ", ".join(filter(None, [jump, f"no link touches a wall, the nearest {self._nearest():.1f} mm away"]))
         deepest, strongest = min(touch.gap for touch in touches), max(touch.force for touch in touches)
         sticking = sum(map(self._sticks, touches))
         rubbing = f"{sticking} stick, {len(touches) - sticking} slip" if self.found.walls.memory is not None else ""
         contacts = f"**{len(touches)} contact{'s' * (len(touches) > 1)}**"
         forces = f"at most {strongest:.2f} N and {-deepest:.2f} mm deep"
         return ", ".join(filter(None, [jump, contacts, forces, rubbing, push]))
+
+    def _nearest(self) -> float:
+        """The smallest gap [mm]."""
+        return float(self.found.wall_gaps.min(initial=np.inf))
 
     @property
     def wall_table(self) -> list[list[str]]:

@@ -10,7 +10,7 @@ from agents.view import main
 from agents.viewer.around import FARTHEST, Around, Scene
 from agents.viewer.explorer import LENGTHS, Explorer
 from agents.viewer.rooms.explore import PER_NEWTON, PRESSED, STICKS
-from rollingjoint import Capsule, Disc, HalfPlane, InvalidInput, Lumen, Polygon, Status, Surroundings, solve_tensions
+from rollingjoint import Capsule, Disc, HalfPlane, InvalidInput, Lumen, Polygon, Sleeve, Status, Surroundings, solve_tensions
 from rollingjoint.chain.presets import two_segment
 from tests.agents.viewer.conftest import until
 
@@ -37,7 +37,16 @@ def test_what_is_pushed_in_is_the_equilibrium_that_solvers_reach_on_the_way():
         )
     np.testing.assert_allclose(explorer.found.tip, start.tip, atol=1e-7)
     assert len(explorer.wall_table) == len(start.wall_contacts) > 0
+    assert [start.wall_gaps[touch.candidate] for touch in start.wall_contacts] == pytest.approx(
+        [touch.gap for touch in start.wall_contacts], abs=1e-9
+    )
     assert f"{start.insertion_force:.2f} N push the base" in explorer.wall_line
+
+
+def test_the_nearest_wall_is_told_where_none_is_touched():
+    explorer = explorer_in("mine", Scene(Surroundings([HalfPlane((0, -1), -140.0)], Sleeve(5.0))))
+    assert explorer.found.wall_gaps.min() == pytest.approx(140.0 - 97.5 - 5.0)
+    assert f"the nearest {explorer.found.wall_gaps.min():.1f} mm away" in explorer.wall_line
 
 
 def test_contacts_stick_where_the_way_turns_back_and_slip_after():

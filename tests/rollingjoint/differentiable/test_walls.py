@@ -304,3 +304,13 @@ def test_wrong_walls_are_told():
     one = solve_lengths(design, LENGTHS, surroundings=RUBBING, base=(0, 20, 0), tension_limits=LIMITS)
     with pytest.raises(InvalidInput, match="rows of the history"):
         solve_lengths(design, np.tile(LENGTHS, (3, 1)), surroundings=RUBBING, history=one)
+
+
+def test_friction_in_the_holes_has_its_gradient_among_walls_too():
+    base, steps, h = np.array([0.1, 30.0, 0.05]), (0.6, 0.3), 1e-5
+    walls = DifferentiableSurroundings.of(RUBBING, CHAIN)
+    mu = torch.tensor(0.08, requires_grad=True, dtype=torch.float64)
+    found = walked_in_tensors(walls, torch.as_tensor(base), steps, DifferentiableFriction(mu))
+    (gradient,) = torch.autograd.grad(found.insertion_force, mu)
+    values = [walked(walls, base, steps, 0.08 + k * h)[-1].insertion_force for k in (-1.0, 1.0)]
+    assert float(gradient) == pytest.approx((values[1] - values[0]) / (2.0 * h), rel=1e-5)
