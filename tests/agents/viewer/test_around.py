@@ -10,7 +10,18 @@ from agents.view import main
 from agents.viewer.around import FARTHEST, Around, Scene
 from agents.viewer.explorer import LENGTHS, Explorer
 from agents.viewer.rooms.explore import PER_NEWTON, PRESSED, STICKS
-from rollingjoint import Capsule, Disc, HalfPlane, InvalidInput, Lumen, Polygon, Sleeve, Status, Surroundings, solve_tensions
+from rollingjoint import (
+    Capsule,
+    Disc,
+    HalfPlane,
+    InvalidInput,
+    Lumen,
+    Polygon,
+    Sleeve,
+    Status,
+    Surroundings,
+    solve_tensions,
+)
 from rollingjoint.chain.presets import two_segment
 from tests.agents.viewer.conftest import until
 
