@@ -58,6 +58,10 @@ SCENES = {
             Sleeve(5.0, points=6)),
         (0.0, 25.0, 0.0),
     ),
+    "a straight lumen that tapers": (
+        Surroundings([Lumen([40, 80], [0, 0], [8, 7, 4.6], stiffness=2), HalfPlane((1, 0), -4.9)], Sleeve(4.5)),
+        (0.6, 25.0, 0.03),
+    ),
     "rigid walls": (
         Surroundings([Lumen([40, 50, 60], [0, 0.012, 0], 7.0), Disc((8, 55), 4.0)], Sleeve(5.0), rigid=True),
         (0.0, 25.0, 0.0),
