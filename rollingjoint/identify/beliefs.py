@@ -84,9 +84,7 @@ class RigSpace:
         mean, sd, low, high: of the beliefs, (P,).
     """
 
-    def __init__(
-        self, mechanism: AnyChain, kinds: Sequence[str], beliefs: Mapping[str, Belief] | None = None
-    ) -> None:
+    def __init__(self, mechanism: AnyChain, kinds: Sequence[str], beliefs: Mapping[str, Belief] | None = None) -> None:
         if not kinds or len(set(kinds)) < len(kinds):
             raise InvalidInput("parameters", list(kinds), f"different names of {', '.join(RIG_KINDS)}")
         for name in kinds:

@@ -9,7 +9,7 @@ residuals of a first fit, and the covariance of the numbers is that of the linea
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -32,11 +32,13 @@ DEVIATIONS = {"tension": 0.2, "position": 0.4}  # of readings in the first fit, 
 SMALLEST_DEVIATIONS = {"tension": 0.01, "position": 0.005}
 EVALUATIONS = 15  # at most, each with its derivatives
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
+MOST_STARTS = 4
 LOST = 10.0  # standard deviations: the residual where the model has no equilibrium
-REACH = 0.05  # of the differences, in standard deviations of the beliefs
+REACH, FINE_REACH = 0.05, 1e-4  # of differences in the search and at its end, in standard deviations of the beliefs
 DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
 _FAR = 3.0  # standard deviations: readings beyond count less
-_ENOUGH = 3e-4  # change of the cost at which the search ends, as a share of it
+_POOR = 3.0  # standard deviations of the first fit that are left: another start is tried
+_ENOUGH = 1e-6  # change of the cost at which the search ends, as a share of it
 _NORMAL = 1.4826  # standard deviation over median of the size, of a normal distribution
 _SURE = 1.96  # standard deviations: half a 95 % interval
 
@@ -50,7 +52,7 @@ class IdentifiedRig:
         deviations: standard deviations of readings by quantity, from the residuals [N, mm].
         residual: root mean square of the residuals, in standard deviations of the first fit. before: the same of the
             first beliefs. count: of readings.
-        recorded: first and lowest position of the motors, the ends of the recording, (m,) each [mm].
+        begin: position of the motors where the recording begins, (m,) [mm].
     """
 
     space: RigSpace
@@ -108,7 +110,7 @@ def identify_rig(
     beliefs: Mapping[str, Belief] | None = None,
     loads: Sequence[Load] = (),
     limits: Limits = (0.0, np.inf),
-    started: NDArray[np.bool_] | None = None,
+    first: int | None = None,
     evaluations: int = EVALUATIONS,
     say: Callable[[], object] = lambda: None,
 ) -> IdentifiedRig:
@@ -118,7 +120,7 @@ def identify_rig(
         recording: of any length; it is thinned. mechanism: as designed; None: the recording's.
         kinds: names from RIG_KINDS; None: play, sheath, mu, stiffness, offsets and, where a tip was seen, surfaces.
         beliefs: in place of those of RIG_KINDS. Those of offsets are about what the first readings say by default.
-        loads, limits, started: as of RigModel.
+        loads, limits, first: as of RigModel.
         evaluations: of the model with its derivatives, at most. say: called at each.
     Raises:
         InvalidInput: no mechanism, unknown kinds, a recording without tensions and tips.
@@ -136,22 +138,20 @@ def identify_rig(
         kinds = [*DRIVES, *surfaces]
     own = dict(beliefs or {})
     if "offsets" in kinds and "offsets" not in own:
-        first = RIG_KINDS["offsets"].belief
-        own["offsets"] = Belief(first_offsets(recording, chain, loads), first.sd, first.low, first.high)
+        own["offsets"] = replace(RIG_KINDS["offsets"].belief, mean=first_offsets(recording, chain, loads))
     space = RigSpace(chain, kinds, own)
-    misfit = Misfit(RigModel(recording.thinned(MOST_STEPS), space, loads, limits, started))
+    misfit = Misfit(RigModel(recording.thinned(MOST_STEPS), space, loads, limits, first))
     if not misfit.size:
         raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", "Move more.")
     before = misfit.rms(np.zeros(len(space)))
-    start, spent = misfit.start(), 0
-    for evaluated in (evaluations, max(evaluations // 3, 1)):
-        start, spent = misfit.fitted(start, evaluated, say), spent + evaluated
-        residual = misfit.rms(start, DEVIATIONS)
-        misfit.learn_deviations(start)
-    jacobian = misfit.derivatives(start)
-    covariance = np.linalg.inv(jacobian.T @ jacobian) * np.outer(space.sd, space.sd)
-    if residual >= LOST:
+    start = misfit.best_fit(evaluations, say)
+    residual = misfit.rms(start)
+    if not misfit.solvable(start):
         raise SolverError("no equilibrium of the model along the recorded motor positions: check units and signs")
+    misfit.learn_deviations(start)
+    start = misfit.fitted(start, max(evaluations // 3, 1), say)
+    misfit.learn_deviations(start)
+    covariance = misfit.covariance(start) * np.outer(space.sd, space.sd)
     begin = np.asarray(recording.runs[0].motors[0])
     values = space.mean + start * space.sd
     return IdentifiedRig(space, values, covariance, misfit.deviations, residual, before, misfit.size, begin)
@@ -214,8 +214,17 @@ class Misfit:
         """Root mean square of the residuals of readings."""
         return float(np.sqrt(np.mean(self.of_all(scaled[None], deviations)[0, : self.size] ** 2)))
 
-    def start(self) -> Array:
-        """The best point of a grid over play and sheath friction, which have more than one minimum."""
+    def best_fit(self, evaluations: int, say: Callable[[], object]) -> Array:
+        """The most likely rig: from the best point of the grid, and from the next ones while much is left."""
+        fits: list[Array] = []
+        for start in self.starts()[:MOST_STARTS]:
+            fits.append(self.fitted(start, evaluations, say))
+            if self.rms(fits[-1]) < _POOR:
+                return fits[-1]
+        return min(fits, key=self.rms)
+
+    def starts(self) -> list[Array]:
+        """Points of a grid over play and sheath friction, which have more than one minimum, the best first."""
         names = [name for name in ("play", "sheath") if name in self.space.kinds]
         points = []
         for values in product(*(dict(zip(("play", "sheath"), GRID, strict=True))[name] for name in names)):
@@ -224,13 +233,27 @@ class Misfit:
                 vector[self.space.place(name)] = value
             points.append((vector - self.space.mean) / self.space.sd)
         costs = np.minimum(self.of_all(np.array(points)) ** 2, LOST).sum(axis=1)
-        return np.asarray(points[int(np.argmin(costs))])
+        return [points[place] for place in np.argsort(costs, kind="stable")]
 
-    def derivatives(self, scaled: Array) -> Array:
-        """By forward differences, (N, P)."""
+    def solvable(self, scaled: Array) -> bool:
+        """Whether there is an equilibrium at any reading that counts."""
+        return any(bool(np.isfinite(values).any()) for values in self.errors(scaled[None]).values())
+
+    def covariance(self, scaled: Array) -> Array:
+        """Of the numbers, scaled, (P, P): of the linearised problem.
+
+        Its differences are much smaller than those of the search: readings have kinks where motors turn or give way, and
+        where surfaces and offsets explain the same, large differences would count kinks as information.
+        """
+        jacobian = self.derivatives(scaled, FINE_REACH)
+        return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
+
+    def derivatives(self, scaled: Array, reach: float = REACH) -> Array:
+        """By differences to one side, (N, P)."""
         units = np.eye(len(self.space))
         places = np.concatenate([np.arange(len(units))[self.space.place(name)] for name in self.heard])
-        shifts = np.where(self.space.mean + (scaled + REACH) * self.space.sd > self.space.high, -REACH, REACH)[places]
+        ends = self.space.mean + (scaled + reach) * self.space.sd
+        shifts = np.where((ends > self.space.high) | (ends < self.space.low), -reach, reach)[places]
         rows = self.of_all(np.concatenate([scaled[None], scaled + shifts[:, None] * units[places]]))
         jacobian = np.vstack([np.zeros((self.size, len(units))), units])
         jacobian[:, places] = ((rows[1:] - rows[0]) / shifts[:, None]).T

@@ -45,7 +45,7 @@ class RigModel:
         recording: as thinned. space: of the rigs.
         loads: known loads that acted all the time.
         limits: of the tension behind the sheath, at which motors give way [N]; rigs have (0, inf).
-        started: which readings count, (E, T); None: those after every motor that has play has gone through it.
+        first: step of every run from which readings count; None: where every motor has gone through its play.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class RigModel:
         space: RigSpace,
         loads: Sequence[Load] = (),
         limits: Limits = (0.0, np.inf),
-        started: NDArray[np.bool_] | None = None,
+        first: int | None = None,
     ) -> None:
         self.space, self.loads, self.limits = space, loads, limits
         longest = max(len(run.t) for run in recording.runs)
@@ -63,7 +63,7 @@ class RigModel:
             for name in ("t", "motors", "tensions", "tips")
         )
         self.counts = np.stack([np.arange(longest) < len(run.t) for run in recording.runs])
-        self.counts &= self._is_settled() if started is None else started
+        self.counts &= self._is_settled() if first is None else np.arange(longest) >= first
         self.tips = self.tips[..., : space.mechanism.dimension]
         self._steps_depend = "mu" in space.kinds or space.mechanism.has_friction or limits != (0.0, np.inf)
 
