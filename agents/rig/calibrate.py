@@ -15,7 +15,7 @@ from rollingjoint.transmission import unstretched_length
 
 HOME_TENSION = 3.0  # N
 _TUG, _FELT, _LONGEST = 0.15, 0.6, 10.0  # mm a step, N, mm: to find a sign
-_BENDS, _COMMON = (0.5, 1.0), (-0.3, 0.15)  # shares of the bend by which motors pull against each other, and together
+_BENDS, _COMMON = (0.5, 1.0), (-0.05, 0.25)  # shares of the bend by which motors pull against each other, and together
 _EASY = 0.6  # of the guard's upper tension, above which sweeps turn back
 _SLACK = 1.5  # of the lower one, below which nobody lets out further
 
@@ -72,11 +72,13 @@ def bench(
     end = middle.copy()
     for _ in range(steps):
         T, goal = rig.state.tensions, rig.goal
-        if (T >= _EASY * limits.high).any() or np.abs(end - goal).max() < 1e-9:
+        blocked = (_SLACK * limits.low >= T) & (end > goal)
+        arrived = np.abs(np.where(blocked, goal, end) - goal).max() < 1e-9
+        if (T >= _EASY * limits.high).any() or arrived:
             end = middle + bend_mm * (side * rng.uniform(*_BENDS) * signs - rng.uniform(*_COMMON))
-            side = -side
-        way = np.clip(end - goal, -limits.step_mm, limits.step_mm)
+            side, blocked = -side, (_SLACK * limits.low >= T) & (end > goal)
+        way = np.where(blocked, 0.0, np.clip(end - goal, -limits.step_mm, limits.step_mm))
         if (T >= _EASY * limits.high).any():
             way = np.maximum(way, 0.0)
-        rig.step(goal + np.where((_SLACK * limits.low >= T) & (way > 0.0), 0.0, way))
+        rig.step(goal + way)
         say()

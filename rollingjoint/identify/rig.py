@@ -31,12 +31,14 @@ Array = NDArray[np.float64]
 DEVIATIONS = {"tension": 0.2, "position": 0.4}  # of readings in the first fit, N and mm
 SMALLEST_DEVIATIONS = {"tension": 0.01, "position": 0.005}
 EVALUATIONS = 15  # at most, each with its derivatives
-GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
+GRID = {"play": (0.75, 1.5, 3.0, 4.5, 6.0), "sheath": (0.1, 0.4, 0.8), "offsets": (0.0, -1.5, -3.0)}
+"""Where the search may begin: play [mm] and sheath friction of all tendons, and what is added to their offsets [mm]."""
 MOST_STARTS = 4
 LOST = 10.0  # standard deviations: the residual where the model has no equilibrium
 REACH, FINE_REACH = 0.05, 1e-4  # of differences in the search and at its end, in standard deviations of the beliefs
 DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
 _FAR = 3.0  # standard deviations: readings beyond count less
+_HOMED = 4.0  # mm
 _POOR = 3.0  # standard deviations of the first fit that are left: another start is tried
 _ENOUGH = 1e-6  # change of the cost at which the search ends, as a share of it
 _NORMAL = 1.4826  # standard deviation over median of the size, of a normal distribution
@@ -140,11 +142,17 @@ def identify_rig(
     if "offsets" in kinds and "offsets" not in own:
         own["offsets"] = replace(RIG_KINDS["offsets"].belief, mean=first_offsets(recording, chain, loads))
     space = RigSpace(chain, kinds, own)
-    misfit = Misfit(RigModel(recording.thinned(MOST_STEPS), space, loads, limits, first))
+    kept = recording.thinned(MOST_STEPS)
+    misfit = Misfit(RigModel(kept, space, loads, limits, first))
     if not misfit.size:
         raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", "Move more.")
     before = misfit.rms(np.zeros(len(space)))
-    start = misfit.best_fit(evaluations, say)
+    start = None
+    if "mu" in kinds and limits == (0.0, np.inf):  # where the search begins follows from a model without that friction
+        smooth = RigSpace(chain, [name for name in kinds if name != "mu"], own)
+        fields = smooth.fields(Misfit(RigModel(kept, smooth, loads, limits, first)).best_fit(evaluations, say))
+        start = space.vector(fields | {"mu": 0.0})
+    start = misfit.best_fit(evaluations, say) if start is None else misfit.fitted(start, evaluations, say)
     residual = misfit.rms(start)
     if not misfit.solvable(start):
         raise SolverError("no equilibrium of the model along the recorded motor positions: check units and signs")
@@ -158,16 +166,15 @@ def identify_rig(
 
 
 def first_offsets(recording: RigRecording, chain: AnyChain, loads: Sequence[Load] = ()) -> Array:
-    """Offsets that the measured tensions of the mechanism as designed would mean, (m,) [mm]; 0 without tensions."""
-    motors = np.concatenate([run.motors for run in recording.runs])
-    tensions = np.concatenate([run.tensions for run in recording.runs])
-    rows = np.flatnonzero(np.isfinite(tensions).all(axis=1) & (tensions > 0.0).all(axis=1))
+    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where they are small: a rig that is homed."""
+    run = recording.runs[0]
+    rows = np.flatnonzero(np.isfinite(run.tensions).all(axis=1) & (run.tensions > 0.0).all(axis=1))[:1]
     if not rows.size:
         return np.zeros(chain.n_tendons)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 200)).astype(int)]
-    solved = solve_tensions_batch(chain, tensions[rows], loads)
-    free = unstretched_length(np.asarray(solved.lengths), tensions[rows], chain.stiffnesses)
-    return np.asarray(np.median(free - motors[rows], axis=0))
+    solved = solve_tensions_batch(chain, run.tensions[rows], loads)
+    free = unstretched_length(np.asarray(solved.lengths), run.tensions[rows], chain.stiffnesses)
+    offsets = np.asarray(free - run.motors[rows])[0]
+    return np.zeros_like(offsets) if np.abs(offsets).max() < _HOMED else offsets
 
 
 class Misfit:
@@ -224,15 +231,15 @@ class Misfit:
         return min(fits, key=self.rms)
 
     def starts(self) -> list[Array]:
-        """Points of a grid over play and sheath friction, which have more than one minimum, the best first."""
-        names = [name for name in ("play", "sheath") if name in self.space.kinds]
-        points = []
-        for values in product(*(dict(zip(("play", "sheath"), GRID, strict=True))[name] for name in names)):
-            vector = self.space.mean.copy()
+        """Points of a grid over play, sheath friction and tautness, which have more than one minimum, the best first."""
+        names, space, points = [name for name in GRID if name in self.space.kinds], self.space, []
+        for values in product(*(GRID[name] for name in names)):
+            vector = space.mean.copy()
             for name, value in zip(names, values, strict=True):
-                vector[self.space.place(name)] = value
-            points.append((vector - self.space.mean) / self.space.sd)
-        costs = np.minimum(self.of_all(np.array(points)) ** 2, LOST).sum(axis=1)
+                place = space.place(name)
+                vector[place] = value + (vector[place] if name == "offsets" else 0.0)
+            points.append((np.clip(vector, space.low, space.high) - space.mean) / space.sd)
+        costs = np.sqrt(1.0 + (self.of_all(np.array(points)) / _FAR) ** 2).sum(axis=1)
         return [points[place] for place in np.argsort(costs, kind="stable")]
 
     def solvable(self, scaled: Array) -> bool:

@@ -3,7 +3,8 @@
     q(t - delay) → play → p → equilibrium at lengths p + offset → T, tip;   load cell: T exp(ν ζ)
 
 The formulas are those of rollingjoint.transmission. Without friction in the holes and without limits the equilibria do
-not depend on each other and are solved in one batch; else step by step, all rigs and runs of a step in one batch.
+not depend on each other and are solved in one batch. Friction forgets within a few millimetres: runs are cut into parts
+that overlap, and all parts of all rigs are solved side by side, step by step. With limits the runs stay whole.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.friction import FrictionState
 from rollingjoint.identify.beliefs import RigSpace
 from rollingjoint.identify.recording import RigRecording
 from rollingjoint.load import Load
@@ -24,13 +26,14 @@ Array = NDArray[np.float64]
 Limits = tuple[float, float]
 
 WIDEST_PLAY = 6.0  # mm: after a way of this much, it does not matter where in its play a tendon began
+PART, WARM = 50, 15  # steps of a part of a run, and steps before it in which friction comes to its state
 _SHARE = 0.5  # of the way of a motor in a run, where that is shorter
 
 
 class Prediction(NamedTuple):
     """Predictions for K rigs in E runs of T steps: tensions (K, E, T, m) [N], tips (K, E, T, d) [mm].
 
-    `ok` (K, E, T) is False from the first step without an equilibrium on.
+    `ok` (K, E, T) is False where there is no equilibrium; the next step goes on from the last one.
     """
 
     tensions: Array
@@ -65,7 +68,7 @@ class RigModel:
         self.counts = np.stack([np.arange(longest) < len(run.t) for run in recording.runs])
         self.counts &= self._is_settled() if first is None else np.arange(longest) >= first
         self.tips = self.tips[..., : space.mechanism.dimension]
-        self._steps_depend = "mu" in space.kinds or space.mechanism.has_friction or limits != (0.0, np.inf)
+        self._rubs, self._limited = "mu" in space.kinds or space.mechanism.has_friction, limits != (0.0, np.inf)
 
     def _is_settled(self) -> NDArray[np.bool_]:
         """Whether every motor has gone far enough for its tendon to be at a known place in the play, (E, T)."""
@@ -84,8 +87,14 @@ class RigModel:
         )
         half = 0.5 * half
         chains = self._chains(vectors)
-        follow = self._step_by_step if self._steps_depend else self._all_at_once
-        return follow(chains, motors, half, sheath, offsets)
+        if self._limited:
+            return self._step_by_step(chains, motors, half, sheath, offsets)
+        tendons, p = np.empty(motors.shape), motors[:, :, 0]
+        for step in range(motors.shape[2]):
+            tendons[:, :, step] = p = play_step(p, motors[:, :, step], half)
+        solve = self._in_parts if self._rubs else self._all_at_once
+        tensions, tips, ok = solve(chains, tendons + offsets[:, :, None])
+        return self._read(tensions, tips, ok, motors, tendons, half, sheath)
 
     def _chains(self, vectors: Array) -> list[Any]:
         """The mechanism of every rig; equal ones are the same object."""
@@ -110,49 +119,58 @@ class RigModel:
                 by_delay[delay] = np.stack([_earlier(*run, delay) for run in zip(self.t, self.motors, strict=True)])
         return np.stack([by_delay[delay] for delay in delays])
 
-    def _all_at_once(self, chains: list[Any], motors: Array, half: Array, sheath: Array, offsets: Array) -> Prediction:
-        tendons = np.empty_like(motors)
-        p = motors[:, :, 0]
-        for step in range(motors.shape[2]):
-            p = play_step(p, motors[:, :, step], half)
-            tendons[:, :, step] = p
-        shape, d = motors.shape[:3], self.space.mechanism.dimension
-        tensions, tips, ok = np.empty(motors.shape), np.empty((*shape, d)), np.empty(shape, bool)
-        lengths = tendons + offsets[:, :, None]
+    def _all_at_once(self, chains: list[Any], lengths: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        shape, d = lengths.shape[:3], self.space.mechanism.dimension
+        tensions, tips, ok = np.empty(lengths.shape), np.empty((*shape, d)), np.empty(shape, bool)
         for chain in {id(chain): chain for chain in chains}.values():
             rows = [k for k, each in enumerate(chains) if each is chain]
-            flat = lengths[rows].reshape(-1, motors.shape[3])
-            solved = solve_lengths_batch(chain, flat, self.loads, tension_limits=self.limits)
-            tensions[rows] = np.asarray(solved.tensions).reshape(len(rows), *motors.shape[1:])
+            solved = solve_lengths_batch(chain, lengths[rows].reshape(-1, lengths.shape[3]), self.loads)
+            tensions[rows] = np.asarray(solved.tensions).reshape(len(rows), *lengths.shape[1:])
             tips[rows] = np.asarray(solved.tip).reshape(len(rows), *shape[1:], -1)[..., :d]
             ok[rows] = np.asarray(solved.ok).reshape(len(rows), *shape[1:])
-        return self._read(tensions, tips, ok, motors, tendons, half, sheath)
+        return tensions, tips, ok
+
+    def _in_parts(self, chains: list[Any], lengths: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """The same with friction in the holes."""
+        (rigs, runs, steps, m), d = lengths.shape, self.space.mechanism.dimension
+        tensions, tips, ok = np.empty(lengths.shape), np.empty((rigs, runs, steps, d)), np.empty(lengths.shape[:3], bool)
+        firsts = np.arange(0, steps, PART)
+        mechanisms = tuple(chain for chain in chains for _ in range(runs * len(firsts)))
+        angles: Any = None
+        history: Any = None
+        for step in range(-WARM, min(PART, steps)):
+            at = np.clip(firsts + step, 0, steps - 1)
+            flat = lengths[:, :, at].reshape(-1, m)
+            solved = solve_lengths_batch(mechanisms, flat, self.loads, angles, history=history)
+            fine, (angles, history) = np.asarray(solved.ok), _remembered(solved, angles, history)
+            if step >= 0:
+                kept = firsts + step < steps
+                parts = rigs, runs, len(firsts)
+                tensions[:, :, at[kept]] = np.asarray(solved.tensions).reshape(*parts, m)[:, :, kept]
+                tips[:, :, at[kept]] = np.asarray(solved.tip).reshape(*parts, -1)[:, :, kept, :d]
+                ok[:, :, at[kept]] = fine.reshape(parts)[:, :, kept]
+        return tensions, tips, ok
 
     def _step_by_step(self, chains: list[Any], motors: Array, half: Array, sheath: Array, offsets: Array) -> Prediction:
         (rigs, runs, steps, m), d = motors.shape, self.space.mechanism.dimension
         mechanisms = tuple(chain for chain in chains for _ in range(runs))
         stiffnesses = np.stack([chain.stiffnesses for chain in chains])[:, None]
         tensions, tips, ok = np.empty(motors.shape), np.empty((rigs, runs, steps, d)), np.empty(motors.shape[:3], bool)
-        tendons, p, state = np.empty(motors.shape), motors[:, :, 0], None
-        rubs = any(chain.has_friction for chain in chains)
+        tendons, p = np.empty(motors.shape), motors[:, :, 0]
         low, high = self.limits
-        alive = np.ones((rigs, runs), bool)
+        angles: Any = None
+        history: Any = None
         for step in range(steps):
             p = play_step(p, motors[:, :, step], half)
             flat = (p + offsets).reshape(-1, m)
-            past = state if rubs else None
-            solved = solve_lengths_batch(mechanisms, flat, self.loads, state, self.limits, past)
-            alive &= np.asarray(solved.ok).reshape(rigs, runs)
-            state = solved
+            solved = solve_lengths_batch(mechanisms, flat, self.loads, angles, self.limits, history)
+            fine, (angles, history) = np.asarray(solved.ok), _remembered(solved, angles, history)
             T = np.asarray(solved.tensions).reshape(rigs, runs, m)
             free = unstretched_length(np.asarray(solved.lengths).reshape(rigs, runs, m), T, stiffnesses) - offsets
-            p = np.where(at_limit(T, low, high) & ((low > 0.0) | (T > low)), free, p)
-            tensions[:, :, step], tips[:, :, step], ok[:, :, step] = (
-                T,
-                np.asarray(solved.tip).reshape(rigs, runs, -1)[..., :d],
-                alive,
-            )
-            tendons[:, :, step] = p
+            gives_way = at_limit(T, low, high) & fine.reshape(rigs, runs, 1) & ((low > 0.0) | (low < T))
+            p = np.where(gives_way, free, p)
+            tensions[:, :, step], ok[:, :, step], tendons[:, :, step] = T, fine.reshape(rigs, runs), p
+            tips[:, :, step] = np.asarray(solved.tip).reshape(rigs, runs, -1)[..., :d]
         return self._read(tensions, tips, ok, motors, tendons, half, sheath)
 
     def _read(
@@ -160,6 +178,21 @@ class RigModel:
     ) -> Prediction:
         place = sheath_direction(tendons, motors, half[:, :, None])
         return Prediction(tensions * sheath_ratio(sheath[:, :, None], place), tips, ok)
+
+
+def _remembered(solved: Any, angles: Array | None, history: Any) -> tuple[Array, Any]:
+    """Joint angles and friction after a step, those before it where it has no equilibrium."""
+    fine = np.asarray(solved.ok)
+    angles = _kept(fine, np.asarray(solved.joint_angles), angles)
+    if not any(chain.has_friction for chain in dict.fromkeys(solved.mechanism)):
+        return angles, None
+    before = history or (None,) * len(solved.friction_state)
+    return angles, FrictionState(*(_kept(fine, *each) for each in zip(solved.friction_state, before, strict=True)))
+
+
+def _kept(fine: NDArray[np.bool_], new: Array, old: Array | None) -> Array:
+    """New rows where they are fine, old ones elsewhere."""
+    return new if old is None else np.where(fine.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
 
 def _padded(values: Array, count: int) -> Array:
