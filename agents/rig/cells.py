@@ -42,7 +42,9 @@ class SerialCells:
     def __init__(self, port: str, count: int, clock: Clock, baud: int = 115_200, timeout: float = 0.02) -> None:
         import serial  # with the extra `rig`
 
-        self._errors = serial.SerialException, OSError, TypeError
+        from agents.rig.dynamixel import PORT_ERRORS
+
+        self._errors = PORT_ERRORS
         self.count, self.clock, self._bad = count, clock, 0
         self._last: Reading | None = None
         self._sequence = -1

@@ -9,6 +9,7 @@ beyond 32 turns contain; it spins while it waits, by a clock that may be set.
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -41,13 +42,18 @@ _ALERT, _CRC = 0x80, 3
 _TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
 _OLD_MS = 12.0  # by which an answer may lag behind the clock before it counts as one to an earlier question
 _RETRIES = 2
-_ERRORS = serial.SerialException, OSError, TypeError
+PORT_ERRORS: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
+if sys.platform != "win32":
+    import termios
+
+    PORT_ERRORS = (*PORT_ERRORS, termios.error)  # of a cable that is pulled; pyserial lets it through
 
 
 class _Port(dxl.PortHandler):  # type: ignore[misc]
     """The SDK's port, which waits in the kernel, by a clock that nobody sets, and is free again after an exception."""
 
-    latency_ms, blocking_s, sent = 10.0, 0.002, 0
+    blocking_s, sent = 0.002, 0
+    latency_ms: float
 
     def setupPort(self, cflag_baud: Any) -> Any:  # noqa: N802 (the SDK's name)
         opened = super().setupPort(cflag_baud)
@@ -74,7 +80,7 @@ class _Port(dxl.PortHandler):  # type: ignore[misc]
     def _tried(self, what: str, function: Any, *arguments: Any) -> Any:
         try:
             return function(*arguments)
-        except _ERRORS as error:
+        except PORT_ERRORS as error:
             self.is_using = False
             raise BusLost(f"{what} {self.port_name}: {error}") from error
 
@@ -110,18 +116,19 @@ class Dynamixels:
 
     Args:
         settings: of the bus. spools: of the motors. clock: of readings. step_s: of the loop, for the watchdog.
-        slack_ms: how much older than usual answers may be.
+        patience_ms: with an answer.
     Raises:
         BusLost, HardwareAlert, RigError: a port or motors that cannot be used, after which nothing has moved.
 
     Attributes:
-        counts: reads, retries, old answers, damaged ones, time-outs. currents: of the last reading, in counts, (m,).
+        counts: reads, retries, old answers, damaged ones, time-outs. ticks: of the last reading, (m,).
+            currents: of it, in counts, (m,).
     """
 
     def __init__(
-        self, settings: DynamixelSettings, spools: Spools, clock: Clock, step_s: float, slack_ms: float = 0.0
+        self, settings: DynamixelSettings, spools: Spools, clock: Clock, step_s: float, patience_ms: float = 10.0
     ) -> None:
-        self.settings, self.spools, self.clock, self.slack_ms = settings, spools, clock, slack_ms
+        self.settings, self.spools, self.clock = settings, spools, clock
         self.ids = list(settings.ids)
         if len(self.ids) != len(spools.signs):
             raise ConfigError("ids", self.ids, f"{len(spools.signs)}, one per spool")
@@ -132,15 +139,16 @@ class Dynamixels:
             raise ConfigError("watchdog_s", settings.watchdog_s, f"0, or {least:.2f} and more: three steps", hint)
         self.counts: Counter[str] = Counter()
         self.currents = np.zeros(len(self.ids), np.int64)
-        self._ticks: NDArray[np.int64] | None = None
+        self.ticks: NDArray[np.int64] | None = None
         self._read_at = 0.0
         self._counters: dict[int, tuple[int, float]] = {}
         self.handler = dxl.Protocol2PacketHandler()
         self.port = _Port(settings.port)
+        self.port.latency_ms = patience_ms
         try:
             if not self.port.setBaudRate(settings.baud):
                 raise BusLost(f"{settings.port}: no baud rate of {settings.baud}")
-        except _ERRORS as error:
+        except PORT_ERRORS as error:
             raise BusLost(f"{settings.port}: {error}") from error
 
     def connect(self) -> None:
@@ -195,12 +203,12 @@ class Dynamixels:
         self._check(blocks)
         ticks = np.array([self._signed_in(blocks[ident], _POSITION, 4) for ident in self.ids])
         self.currents = np.array([self._signed_in(blocks[ident], _CURRENT, 2) for ident in self.ids])
-        if self._ticks is not None:
+        if self.ticks is not None:
             farthest = 1.5 * FASTEST_RPM / 60.0 * self.spools.ticks_per_turn * (now - self._read_at) + 40.0
-            if (np.abs(ticks - self._ticks) > farthest).any():
-                jump = (ticks - self._ticks).tolist()
+            if (np.abs(ticks - self.ticks) > farthest).any():
+                jump = (ticks - self.ticks).tolist()
                 raise RigError(f"positions jumped by {jump} ticks: turns are lost after a reboot; home again")
-        self._ticks, self._read_at = ticks, now
+        self.ticks, self._read_at = ticks, now
         return Reading(self.spools.lengths(ticks), now, self.counts["retries"] - before)
 
     def _check(self, blocks: dict[int, bytes]) -> None:
@@ -221,7 +229,8 @@ class Dynamixels:
         blocks: dict[int, bytes] = {}
         result = dxl.COMM_SUCCESS
         for _ in range(1 + _RETRIES):
-            blocks, result = self._asked()
+            answered, result = self._asked()
+            blocks |= answered
             if len(blocks) == len(self.ids):
                 return blocks
             self.counts["retries"] += 1
@@ -254,7 +263,7 @@ class Dynamixels:
         if ident in self._counters:
             first, then = self._counters[ident]
             passed = (counter - first + _TICK_RANGE // 2) % _TICK_RANGE - _TICK_RANGE // 2
-            if (now - then) * 1e3 < _TICK_RANGE // 2 and (now - then) * 1e3 - passed > _OLD_MS + self.slack_ms:
+            if (now - then) * 1e3 < _TICK_RANGE // 2 and (now - then) * 1e3 - passed > _OLD_MS:
                 return True
         self._counters[ident] = counter, now
         return False
@@ -306,7 +315,7 @@ class Dynamixels:
     def reboot(self, ident: int) -> None:
         """Reboot a motor: torque goes, and its turns are lost, so that the rig has to be homed."""
         self.handler.reboot(self.port, ident)
-        self._ticks = None
+        self.ticks = None
         self._counters.pop(ident, None)
 
     def relax(self) -> None:
@@ -323,7 +332,7 @@ class Dynamixels:
             pass  # a motor that is gone, or that its watchdog has stopped, stays as it is
         try:
             self.port.closePort()
-        except _ERRORS:
+        except PORT_ERRORS:
             pass
 
     def _get(self, ident: int, at: int, size: int) -> int:

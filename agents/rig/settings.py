@@ -177,11 +177,14 @@ def connected(
     try:
         options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
                    if settings.motors.get(name) is not None}  # fmt: skip
-        motors = Dynamixels(DynamixelSettings(port=ports[0], **options), spools, clock, 1.0 / settings.rate)
+        patience = 100.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, the machine may be busy
+        bus_settings = DynamixelSettings(port=ports[0], **options)
+        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, patience)
         if isinstance(clock, VirtualClock):
             clock.quiet.append(lambda: bus.received >= motors.port.sent)
         motors.connect()
-        cells = SerialCells(ports[1], settings.mechanism.n_tendons, clock, int(settings.cells.get("baud", 115_200)))
+        baud = int(settings.cells.get("baud", 115_200))
+        cells = SerialCells(ports[1], settings.mechanism.n_tendons, clock, baud, max(0.02, 1e-3 * patience))
         at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
         poses = None if bus is None else _SimulatedTracker(bus, clock)
         with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:

@@ -165,6 +165,12 @@ def identify_rig(
     return IdentifiedRig(space, values, covariance, misfit.deviations, residual, before, misfit.size, begin)
 
 
+def designed_space(mechanism: AnyChain) -> tuple[RigSpace, Array]:
+    """Rigs with offsets alone, and the one as designed."""
+    space = RigSpace(mechanism, ["offsets"])
+    return space, np.zeros(len(space))
+
+
 def first_offsets(recording: RigRecording, chain: AnyChain, loads: Sequence[Load] = ()) -> Array:
     """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where they are small: a rig that is homed."""
     run = recording.runs[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.checked_yaml import dump_yaml
-from rollingjoint.identify.beliefs import RIG_KINDS
+from rollingjoint.checked_yaml import dump_yaml, located, mapping, number, read_yaml, text
+from rollingjoint.identify.beliefs import RIG_KINDS, RigSpace
 from rollingjoint.identify.rig import IdentifiedRig, as_report
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.tables import text_table
@@ -32,7 +33,8 @@ _HEADER = """\
 def save_rig(found: IdentifiedRig, folder: Path) -> None:
     """Write identified.yaml, mechanism.yaml, environment.yaml and samples.csv into a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
-    content = as_report(found) | {"offsets": [float(f"{value:.6g}") for value in found.offsets]}
+    content = {"parameters_of": list(found.space.kinds)} | as_report(found)
+    content |= {"offsets": [float(f"{value:.6g}") for value in found.offsets]}
     (folder / IDENTIFIED).write_text(dump_yaml(content), encoding="utf-8")
     (folder / MECHANISM).write_text(dump_mechanism(without_friction(found.mechanism)), encoding="utf-8")
     settings = {"mechanism": MECHANISM} | environment_settings(found)
@@ -42,6 +44,24 @@ def save_rig(found: IdentifiedRig, folder: Path) -> None:
         writer.writerow(found.space.labels)
         samples = found.drawn(np.random.default_rng(SEED), SAMPLES_KEPT)
         writer.writerows([[f"{value:.8g}" for value in row] for row in samples])
+
+
+def load_identified(folder: Path, mechanism: AnyChain) -> tuple[RigSpace, Array]:
+    """The rigs and the most likely one, (P,), of a folder of `save_rig`; mechanism: as designed.
+
+    Raises:
+        ConfigError: no such folder, or values of another mechanism.
+    """
+    path = folder / IDENTIFIED
+    content = read_yaml(path)
+    where = str(path)
+    keys = list(content) if isinstance(content, Mapping) else []
+    top = mapping(where, content, keys, ("parameters_of", "parameters"))
+    with located(where):
+        space = RigSpace(mechanism, [text(f"{where}: parameters_of", name) for name in top["parameters_of"]])
+    parameters = mapping(f"{where}: parameters", top["parameters"], space.labels, space.labels)
+    values = [number(f"{where}: {label}", parameters[label]["value"]) for label in space.labels]
+    return space, np.array(values)
 
 
 def without_friction(mechanism: AnyChain) -> AnyChain:

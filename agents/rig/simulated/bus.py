@@ -37,7 +37,7 @@ class SimulatedBus:
     Attributes:
         port, cell_port: what the SDK and the driver of load cells open.
         faults: on demand. servos: by id. received: bytes that have come. watched: called with (id, goal in ticks, servo)
-            before a goal is taken.
+            before a goal is taken. alive: whether anybody answers.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class SimulatedBus:
         for end in (self._bus, bus_end, self._cell, cell_end):
             tty.setraw(end)
         self.port, self.cell_port = os.ttyname(bus_end), os.ttyname(cell_end)
-        self._alive = True
+        self.alive = True
         self.plant.weighed()  # whatever has to compile does so before anybody asks
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -126,7 +126,7 @@ class SimulatedBus:
         return np.asarray(at)
 
     def _serve(self) -> None:
-        while self._alive:
+        while self.alive:
             try:
                 ready, _, _ = select.select([self._bus, self._cell, self._wake[0]], [], [], 0.5)
                 if self._bus in ready:
@@ -137,7 +137,7 @@ class SimulatedBus:
                         self.received += len(content)
                 if self._cell in ready:
                     self._weigh(os.read(self._cell, 256))
-            except (OSError, ValueError):
+            except OSError:
                 return
 
     def _send(self, answers: list[tuple[int, bytes]]) -> None:
@@ -152,7 +152,7 @@ class SimulatedBus:
                 os.write(self._bus, content)
 
     def _write_late(self, content: bytes) -> None:
-        if self._alive:
+        if self.alive:
             try:
                 os.write(self._bus, content)
             except OSError:
@@ -218,7 +218,7 @@ class SimulatedBus:
 
     def unplug(self) -> None:
         """Pull the cable of the bus."""
-        self._alive = False
+        self.alive = False
         os.write(self._wake[1], b"x")
         self._thread.join(2.0)
         os.close(self._bus)
@@ -226,7 +226,7 @@ class SimulatedBus:
 
     def close(self) -> None:
         """End the thread, and free the terminals."""
-        self._alive = False
+        self.alive = False
         os.write(self._wake[1], b"x")
         self._thread.join(2.0)
         for end in (self._bus, self._cell, *self._ends, *self._wake):
