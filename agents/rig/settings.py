@@ -177,7 +177,7 @@ def connected(
     try:
         options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
                    if settings.motors.get(name) is not None}  # fmt: skip
-        patience = 100.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, the machine may be busy
+        patience = 2000.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, kernels may compile
         bus_settings = DynamixelSettings(port=ports[0], **options)
         motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, patience)
         if isinstance(clock, VirtualClock):

@@ -21,8 +21,8 @@ GUARD = GuardSettings(high=20.0, stop=30.0)
 class Built:
     """A bus, its clock, and what drives it."""
 
-    def __init__(self, plant=None, seed=1, configured=True, **motor_options):
-        self.clock = VirtualClock()
+    def __init__(self, plant=None, seed=1, configured=True, patience_ms=60.0, **motor_options):
+        self.clock, self.patience_ms = VirtualClock(), patience_ms
         self.plant = plant or Plant(five_link(), play=1.0, sheath=0.2, seed=seed)
         self.bus = SimulatedBus(self.plant, self.clock, RADIUS, (1, -1), seed, configured)
         ticks = tuple(round(servo.position) for servo in self.bus.servos.values())
@@ -32,7 +32,7 @@ class Built:
 
     def new_motors(self):
         settings = DynamixelSettings(self.bus.port, (1, 2), **self.motor_options)
-        motors = Dynamixels(settings, self.spools, self.clock, self.step_s, patience_ms=60.0)
+        motors = Dynamixels(settings, self.spools, self.clock, self.step_s, patience_ms=self.patience_ms)
         self.clock.quiet = [lambda: not self.bus.alive or self.bus.received >= self.sent_before + motors.port.sent]
         self.sent_before = self.bus.received
         return motors
@@ -40,7 +40,7 @@ class Built:
     def rig(self, guard=GUARD, **options):
         """The loop, motors connected."""
         self.motors.connect()
-        self.cells = SerialCells(self.bus.cell_port, 2, self.clock, timeout=0.06)
+        self.cells = SerialCells(self.bus.cell_port, 2, self.clock, timeout=1e-3 * self.patience_ms)
         return Rig(self.motors, self.cells, self.clock, self.home, guard, **options)
 
     def wait(self, seconds):
