@@ -140,7 +140,7 @@ def identify_recording(
 ) -> tuple[Identified, IdentifiedRig]:
     """Beliefs about a rig after a recording of it, for controllers, and in full.
 
-    Controllers are adapted to a rig to whose positions the offsets that were found are added: of them, the error is left.
+    Controllers are adapted to a rig whose positions have the offsets added that were found; their errors are left.
 
     Raises:
         InvalidInput: a recording of another mechanism than five_link, with which instruments are.

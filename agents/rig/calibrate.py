@@ -31,7 +31,9 @@ def wrong_signs(rig: Rig) -> list[int]:
         first, moved = rig.state.tensions[j], 0.0
         while abs(change := float(rig.state.tensions[j] - first)) < _FELT:
             if moved >= _LONGEST:
-                raise RigError(f"motor {j} pulled in {moved:.1f} mm, and load cell {j} shows {first + change:.2f} N as before")
+                raise RigError(
+                    f"motor {j} pulled in {moved:.1f} mm, and load cell {j} shows {first + change:.2f} N as before"
+                )
             pull = np.zeros(len(rig.goal))
             pull[j] = _TUG
             rig.step(rig.goal - pull)
@@ -46,9 +48,9 @@ def wrong_signs(rig: Rig) -> list[int]:
 
 
 def home(rig: Rig, mechanism: AnyChain, tension: float = HOME_TENSION) -> tuple[RigState, Array]:
-    """Bring all tendons to a tension; the state, and the lengths [mm] that motors have there by the mechanism as designed.
+    """Bring all tendons to a tension; the state, and the lengths [mm] there of the mechanism as designed.
 
-    The unknown place in the play and the errors of the mechanism are in these lengths; rj identify finds them as offsets.
+    These lengths are off by the unknown place in the play and by errors of the mechanism: offsets to rj identify.
     """
     tensions = np.full(mechanism.n_tendons, tension)
     state = settle_tensions(rig, tensions)
@@ -56,15 +58,14 @@ def home(rig: Rig, mechanism: AnyChain, tension: float = HOME_TENSION) -> tuple[
     return state, unstretched_length(solved.lengths, tensions, mechanism.stiffnesses)
 
 
-def bench(
-    rig: Rig, steps: int, bend_mm: float = 8.0, seed: int = 0, say: Callable[[], object] = lambda: None
-) -> None:
+def bench(rig: Rig, steps: int, bend_mm: float = 8.0, seed: int = 0, say: Callable[[], object] = lambda: None) -> None:
     """Sweeps of motors to and fro about where they stand, a guarded step at a time, into the recording of the rig.
 
     A sweep turns back where a tension comes near the guard's upper one; a tendon near its lower one is not let out.
 
     Args:
-        steps: in all. bend_mm: the farthest that motors go from the middle. seed: of the ends of sweeps. say: at each step.
+        steps: in all. bend_mm: the farthest that motors go from the middle. seed: of the ends of sweeps.
+        say: called at each step.
     """
     rng, m = np.random.default_rng(seed), len(rig.goal)
     limits, middle = rig.guard.settings, rig.goal.copy()
@@ -74,11 +75,11 @@ def bench(
         T, goal = rig.state.tensions, rig.goal
         blocked = (_SLACK * limits.low >= T) & (end > goal)
         arrived = np.abs(np.where(blocked, goal, end) - goal).max() < 1e-9
-        if (T >= _EASY * limits.high).any() or arrived:
+        if (_EASY * limits.high <= T).any() or arrived:
             end = middle + bend_mm * (side * rng.uniform(*_BENDS) * signs - rng.uniform(*_COMMON))
             side, blocked = -side, (_SLACK * limits.low >= T) & (end > goal)
-        way = np.where(blocked, 0.0, np.clip(end - goal, -limits.step_mm, limits.step_mm))
-        if (T >= _EASY * limits.high).any():
+        way = np.where(blocked, 0.0, np.clip(end - goal, -rig.step_mm, rig.step_mm))
+        if (_EASY * limits.high <= T).any():
             way = np.maximum(way, 0.0)
         rig.step(goal + way)
         say()

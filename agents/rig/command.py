@@ -64,7 +64,8 @@ def _check(arguments: argparse.Namespace) -> int:
         print(f"motors [mm]: {_row(state.motors)}{'' if calibrated else ' (not homed)'}")
         print(f"tensions [N]: {_row(state.tensions)}")
         print(rig.pace.summary())
-        print(f"{motors.counts['reads']} readings, {motors.counts['retries']} asked again, {motors.counts['old']} old answers")
+        counts = motors.counts
+        print(f"{counts['reads']} readings, {counts['retries']} asked again, {counts['old']} old answers")
     return 0
 
 
@@ -77,7 +78,9 @@ def _home(arguments: argparse.Namespace) -> int:
         rig.begin("home")
         if wrong := wrong_signs(rig):
             ids = [settings.motors["ids"][j] for j in wrong]
-            raise ConfigError("signs", settings.motors["signs"], f"the other sign for the motors {ids}", "Nothing was kept.")
+            raise ConfigError(
+                "signs", settings.motors["signs"], f"the other sign for the motors {ids}", "Nothing was kept."
+            )
         state, lengths = home(rig, settings.mechanism, arguments.tension)
         motors.read()
         settings.keep_calibration(motors.ticks, lengths, arguments.tension)
@@ -129,7 +132,9 @@ def _drive(arguments: argparse.Namespace) -> int:
             while not done:
                 observation, _, _, done, info = env.step(policy(observation))
                 errors.append(info.get("error_mm", np.nan))
-            seen = "" if np.isnan(errors).all() else f", tip error {np.mean(errors[-10:]):.2f} mm over the last 10 steps"
+            seen = (
+                "" if np.isnan(errors).all() else f", tip error {np.mean(errors[-10:]):.2f} mm over the last 10 steps"
+            )
             print(f"episode {episode + 1}: tensions {_row(info['tensions'])} N{seen}")
         print(rig.pace.summary())
     print(f"recorded: {arguments.out}")
@@ -158,7 +163,11 @@ def _replay(arguments: argparse.Namespace) -> int:
         sizes = np.abs(errors[name][np.isfinite(errors[name])])
         if errors[name].size:
             lost = 1.0 - sizes.size / errors[name].size
-            text = "no equilibrium" if not sizes.size else f"rms {np.sqrt(np.mean(sizes**2)):.3f}, largest {sizes.max():.3f} {unit}"
+            text = (
+                "no equilibrium"
+                if not sizes.size
+                else f"rms {np.sqrt(np.mean(sizes**2)):.3f}, largest {sizes.max():.3f} {unit}"
+            )
             print(f"{name}: {text}; {100 * lost:.1f} % of readings without an equilibrium of the model")
     return 0
 

@@ -1,9 +1,9 @@
 """Dynamixel XM430-W350 behind the manufacturer's SDK, Protocol 2.0, in current-based position mode over many turns.
 
-What the SDK (4.1, Python) does that this driver does not rely on: it drops the error byte of answers to synchronous reads,
-and with it hardware errors; it gives up where servos answer in another order; answers have no number, so that a late one
-is taken for the next; a port stays "in use" after an exception or Ctrl-C; it does not stuff the pattern FF FF FD that goals
-beyond 32 turns contain; it spins while it waits, by a clock that may be set.
+Faults of the SDK (4.1, Python) around which this driver is built: it drops the error byte of answers to synchronous
+reads, and with it hardware errors; it gives up where servos answer in another order; answers have no number, so that a
+late one is taken for the next; a port stays "in use" after an exception or Ctrl-C; the pattern FF FF FD, which goals
+beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +37,10 @@ LEAST_WATCHDOG_STEPS = 3.0
 
 _RETURN_DELAY, _MODE, _CURRENT_POSITION = 9, 11, 5
 _CURRENT_LIMIT, _TORQUE, _HARDWARE_ERROR, _WATCHDOG, _GOAL_CURRENT, _GOAL, _POSITION = 38, 64, 70, 98, 102, 116, 132
-_FIRST, _SIZE = _TORQUE, 72  # the block that every reading has: torque, error, watchdog, goal, counter, current, position
+_FIRST, _SIZE = (
+    _TORQUE,
+    72,
+)  # the block that every reading has: torque, error, watchdog, goal, counter, current, position
 _TICK, _CURRENT = 120, 126
 _ALERT, _CRC = 0x80, 3
 _TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
@@ -325,15 +329,11 @@ class Dynamixels:
 
     def close(self) -> None:
         """Leave the port. Motors go on holding, without watchdogs, which would not know that the loop has ended."""
-        try:
+        with suppress(RigError):  # a motor that is gone stays as it is
             for ident in self.ids:
                 self._set(ident, _WATCHDOG, 1, 0)
-        except RigError:
-            pass  # a motor that is gone, or that its watchdog has stopped, stays as it is
-        try:
+        with suppress(*PORT_ERRORS):
             self.port.closePort()
-        except PORT_ERRORS:
-            pass
 
     def _get(self, ident: int, at: int, size: int) -> int:
         content: list[int] = []

@@ -27,9 +27,9 @@ _SOFTER = 0.5  # of the way that a tendon's stiffness asks for
 class RigEnv(gymnasium.Env[Any, Any]):
     """A rig with the spaces and the observations of a tracking task in which the tip is not seen.
 
-    Observations come from the compiled function of the simulation: readings of the rig are put where the simulation puts
-    its measurements. There is no reward (0), and info has no truth: `motors` [mm], `tensions` [N], `interventions` of the
-    guard, and, with a tracker, `tip` and `error_mm`.
+    Observations come from the compiled function of the simulation: readings of the rig are put where the simulation
+    puts its measurements. There is no reward (0), and info has no truth: `motors` [mm], `tensions` [N], `interventions`
+    of the guard, and, with a tracker, `tip` and `error_mm`.
 
     Args:
         settings: of the task, such as those of a policy. rig: connected and homed.
@@ -43,7 +43,9 @@ class RigEnv(gymnasium.Env[Any, Any]):
         self.task: Any = task_of(settings)
         self.config: TaskConfig = self.task.config
         if self.config.sensing.pose != "none" or not self.config.is_instrumented:
-            raise InvalidInput("settings", self.config.sensing.pose, 'a task with sensing.pose "none", as Instrument-v1')
+            raise InvalidInput(
+                "settings", self.config.sensing.pose, 'a task with sensing.pose "none", as Instrument-v1'
+            )
         m = self.task.action_size
         if len(rig.guard.home) != m:
             raise InvalidInput("tendons of the rig", len(rig.guard.home), f"{m}, as of the task")
@@ -135,4 +137,6 @@ def settle_tensions(rig: Rig, wanted: Array, near: float = _NEAR) -> RigState:
             return state
         state = rig.step(rig.goal - np.clip(_SOFTER * missing / stiffness, -0.3, 0.3))
     tensions = np.round(state.tensions, 2).tolist()
-    raise RigError(f"tensions {tensions} N did not come to {np.asarray(wanted).tolist()} N: is a tendon loose or caught?")
+    raise RigError(
+        f"tensions {tensions} N did not come to {np.asarray(wanted).tolist()} N: is a tendon loose or caught?"
+    )

@@ -13,15 +13,18 @@ from agents.rig.protocols import Array, Reading, Stopped
 from rollingjoint.checks import as_number, as_positive
 from rollingjoint.errors import ConfigError
 
+_ROUNDING = 1e-9  # mm
+
 
 @dataclass(frozen=True)
 class GuardSettings:
     """Limits of a rig.
 
     Args:
-        step_mm: the largest change of a goal from one look to the next.
+        step_mm: the largest change of a goal in a step; the loop gives every look its share.
         travel_mm: how far goals may be from the lengths at the zero, either way.
-        low: at or below it a tendon is not let out further [N]. high: at or above it on any tendon no motor pulls in [N].
+        low: at or below it a tendon is not let out further [N].
+        high: at or above it on any tendon no motor pulls in [N].
         stop: at or above it on any tendon the motion ends [N].
         largest_age: of readings [s].
         lag_mm: how far a motor may be from its goal before it counts as stuck, and its goal stays there.
@@ -59,7 +62,8 @@ class Guard:
         """The goals that may be sent, (m,) [mm].
 
         Args:
-            goals: as wanted. before: the last ones that were sent. motors, tensions: the last readings. now: the time [s].
+            goals: as wanted. before: the last ones that were sent. motors, tensions: the last readings.
+            now: the time [s].
         Raises:
             Stopped: nothing may be sent; motors have to hold.
         """
@@ -72,19 +76,19 @@ class Guard:
                 raise Stopped(f"readings of {name} are not finite")
             if now - reading.t > limits.largest_age:
                 raise Stopped(f"readings of {name} are {now - reading.t:.3f} s old, over {limits.largest_age:g} s")
-        if (T >= limits.stop).any():
+        if (limits.stop <= T).any():
             raise Stopped(f"tensions {np.round(T, 2).tolist()} N, at or above the limit of {limits.stop:g} N")
         safe = self._told("travel", goals, np.clip(goals, self.home - limits.travel_mm, self.home + limits.travel_mm))
         stuck = np.abs(before - motors.values) > limits.lag_mm
         safe = self._told("motor behind its goal", safe, np.where(stuck, motors.values, safe))
         safe = self._told("step", safe, np.clip(safe, before - limits.step_mm, before + limits.step_mm))
-        if (T >= limits.high).any():
+        if (limits.high <= T).any():
             safe = self._told("tension high", safe, np.maximum(safe, before))
-        return self._told("tension low", safe, np.where(T <= limits.low, np.minimum(safe, before), safe))
+        return self._told("tension low", safe, np.where(limits.low >= T, np.minimum(safe, before), safe))
 
     def _told(self, why: str, wanted: Array, safe: Array) -> Array:
         """The safe goals, with a word where they are others."""
-        changed = np.flatnonzero(wanted != safe)
+        changed = np.flatnonzero(np.abs(wanted - safe) > _ROUNDING)
         if changed.size:
             self.interventions.append(f"{why}: motors {changed.tolist()}")
         return safe

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -51,7 +51,9 @@ class Rig:
     ) -> None:
         self.motors, self.tensions, self.poses, self.clock, self.writer = motors, tensions, poses, clock, writer
         self.looks = as_integer("looks", looks, 1, 100)
-        self.guard, self.rate = Guard(guard or GuardSettings(), np.asarray(home, float)), rate
+        whole = guard or GuardSettings()
+        self.step_mm, self.rate = whole.step_mm, rate
+        self.guard = Guard(replace(whole, step_mm=whole.step_mm / self.looks), np.asarray(home, float))
         self.pace = Pace(clock, rate * self.looks)
         self._read()
         self.goal: Array = self._motor_reading.values.copy()

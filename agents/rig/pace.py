@@ -105,7 +105,6 @@ class Pace:
             return "no steps"
         late, work = (1e3 * np.array(values) for values in (self.late, self.work))
         (l50, l99), (w50, w99) = (np.percentile(values, (50, 99)) for values in (late, work))
-        return (
-            f"{len(late)} waits of {1e3 * self.period:.3g} ms: late by p50 {l50:.2f}, p99 {l99:.2f}, max {late.max():.2f} ms;"
-            f" work p50 {w50:.2f}, p99 {w99:.2f} ms; {self.missed} missed"
-        )
+        lateness = f"late by p50 {l50:.2f}, p99 {l99:.2f}, max {late.max():.2f} ms"
+        effort = f"work p50 {w50:.2f}, p99 {w99:.2f} ms; {self.missed} missed"
+        return f"{len(late)} waits of {1e3 * self.period:.3g} ms: {lateness}; {effort}"

@@ -71,7 +71,9 @@ class RigSettings:
         if not self.calibration_path.is_file():
             hint = f"rj rig home {self.path} makes it."
             raise ConfigError("calibration", str(self.calibration_path), "the calibration of this rig", hint)
-        content = mapping(str(self.calibration_path), read_json(self.calibration_path), CALIBRATION_KEYS, ("zero_ticks",))
+        content = mapping(
+            str(self.calibration_path), read_json(self.calibration_path), CALIBRATION_KEYS, ("zero_ticks",)
+        )
         if list(content["signs"]) != list(signs) or content["radius_mm"] != radius:
             raise ConfigError("calibration", str(self.calibration_path), "of the signs and radius in the rig's file")
         ticks, lengths = tuple(map(int, content["zero_ticks"])), tuple(map(float, content["zero_mm"]))
@@ -113,7 +115,9 @@ def load_rig(path: str | Path) -> RigSettings:
 
 
 def _motors(where: str, value: object, m: int, in_software: bool) -> dict[str, Any]:
-    content = mapping(where, value, MOTOR_KEYS, ("radius_mm",) if in_software else ("port", "ids", "signs", "radius_mm"))
+    content = mapping(
+        where, value, MOTOR_KEYS, ("radius_mm",) if in_software else ("port", "ids", "signs", "radius_mm")
+    )
     motors = {"ids": list(range(1, m + 1)), "signs": [1] * m, "baud": 1_000_000, "watchdog_s": 0.4} | dict(content)
     for name in ("ids", "signs"):
         values = numbers(f"{where}.{name}", motors[name])
@@ -206,7 +210,8 @@ def simulated_bus(settings: RigSettings) -> tuple[Any, Clock]:
     from dataclasses import replace
 
     tendons = [
-        replace(tendon, friction=CapstanFriction(mu)) for tendon, mu in zip(one.chain.tendons, one.mu.tolist(), strict=True)
+        replace(tendon, friction=CapstanFriction(mu))
+        for tendon, mu in zip(one.chain.tendons, one.mu.tolist(), strict=True)
     ]
     chain = one.chain.replace(tendons=tendons)
     clock: Clock = WallClock() if content["wall"] else VirtualClock()

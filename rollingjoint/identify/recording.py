@@ -1,4 +1,4 @@
-"""Recordings of a rig: motor positions, tensions and tips over time, as JSON Lines or CSV; docs/rig.md has the format."""
+"""Recordings of a rig, JSON Lines or CSV: motor positions, tensions and tips over time (docs/rig.md)."""
 
 from __future__ import annotations
 

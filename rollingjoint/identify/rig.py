@@ -1,9 +1,10 @@
 """Identification of a rig from a recording: the most likely numbers under the beliefs, and how sure they are.
 
-The most likely rig minimises a sum of squares: distances of predictions from readings and of numbers from their beliefs,
-in standard deviations, by a trust-region method (scipy) with forward differences, all in one batch. Readings beyond a few
-standard deviations count less, since play and friction switch. Standard deviations of readings are found from the
-residuals of a first fit, and the covariance of the numbers is that of the linearised problem (Laplace's approximation).
+The most likely rig minimises a sum of squares: distances of predictions from readings and of numbers from their
+beliefs, in standard deviations, by a trust-region method (scipy) with forward differences, all in one batch. Readings
+beyond a few standard deviations count less, since play and friction switch. Standard deviations of readings are found
+from the residuals of a first fit, and the covariance of the numbers follows from the linearised problem (Laplace's
+approximation).
 """
 
 from __future__ import annotations
@@ -172,7 +173,7 @@ def designed_space(mechanism: AnyChain) -> tuple[RigSpace, Array]:
 
 
 def first_offsets(recording: RigRecording, chain: AnyChain, loads: Sequence[Load] = ()) -> Array:
-    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where they are small: a rig that is homed."""
+    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where small, as of homed rigs."""
     run = recording.runs[0]
     rows = np.flatnonzero(np.isfinite(run.tensions).all(axis=1) & (run.tensions > 0.0).all(axis=1))[:1]
     if not rows.size:
@@ -221,6 +222,7 @@ class Misfit:
         return np.concatenate([np.nan_to_num(np.concatenate(errors, axis=1), nan=LOST), scaled], axis=1)
 
     def __call__(self, scaled: Array) -> Array:
+        """Residuals of one rig, (N,)."""
         return self.of_all(scaled[None])[0]
 
     def rms(self, scaled: Array, deviations: Mapping[str, float] | None = None) -> float:
@@ -237,7 +239,7 @@ class Misfit:
         return min(fits, key=self.rms)
 
     def starts(self) -> list[Array]:
-        """Points of a grid over play, sheath friction and tautness, which have more than one minimum, the best first."""
+        """Points of a grid over play, sheath friction and tautness, the best first: there are several minima."""
         names, space, points = [name for name in GRID if name in self.space.kinds], self.space, []
         for values in product(*(GRID[name] for name in names)):
             vector = space.mean.copy()
@@ -255,7 +257,7 @@ class Misfit:
     def covariance(self, scaled: Array) -> Array:
         """Of the numbers, scaled, (P, P): of the linearised problem.
 
-        Its differences are much smaller than those of the search: readings have kinks where motors turn or give way, and
+        Its differences are much smaller than in the search: readings have kinks where motors turn or give way, and
         where surfaces and offsets explain the same, large differences would count kinks as information.
         """
         jacobian = self.derivatives(scaled, FINE_REACH)

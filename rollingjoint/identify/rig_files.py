@@ -1,4 +1,4 @@
-"""What an identified rig leaves: a report, identified.yaml, its mechanism, an environment centred on it, and samples."""
+"""Files of an identified rig: its numbers, its mechanism, an environment centred on it, samples; and a report."""
 
 from __future__ import annotations
 

@@ -133,7 +133,11 @@ class RigModel:
     def _in_parts(self, chains: list[Any], lengths: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The same with friction in the holes."""
         (rigs, runs, steps, m), d = lengths.shape, self.space.mechanism.dimension
-        tensions, tips, ok = np.empty(lengths.shape), np.empty((rigs, runs, steps, d)), np.empty(lengths.shape[:3], bool)
+        tensions, tips, ok = (
+            np.empty(lengths.shape),
+            np.empty((rigs, runs, steps, d)),
+            np.empty(lengths.shape[:3], bool),
+        )
         firsts = np.arange(0, steps, PART)
         mechanisms = tuple(chain for chain in chains for _ in range(runs * len(firsts)))
         angles: Any = None

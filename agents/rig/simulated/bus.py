@@ -31,13 +31,13 @@ class SimulatedBus:
 
     Args:
         plant: on the spools. clock: of servos. radius_mm: of the spools. signs: 1 where rising ticks pull in, (m,);
-            None: drawn. seed: of that, and of where horns stand. configured: whether servos have been in use: torque on,
-            many turns, limited current.
+            None: drawn. seed: of that, and of where horns stand.
+        configured: whether servos have been in use: torque on, many turns, limited current.
 
     Attributes:
         port, cell_port: what the SDK and the driver of load cells open.
-        faults: on demand. servos: by id. received: bytes that have come. watched: called with (id, goal in ticks, servo)
-            before a goal is taken. alive: whether anybody answers.
+        faults: on demand. servos: by id. received: bytes that have come. alive: whether anybody answers.
+        watched: functions that are called with (id, goal in ticks, servo) before a goal is taken.
     """
 
     def __init__(

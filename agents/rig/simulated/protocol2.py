@@ -1,8 +1,8 @@
 """Packets of Dynamixel Protocol 2.0, written from its description.
 
-FF FF FD 00, id, length (2 bytes), instruction, parameters, CRC-16 (2 bytes), low bytes first; the length counts what
-follows it. In instruction and parameters FD is sent twice after FF FF FD's first two bytes ("stuffing"). The CRC has the
-polynomial 0x8005, begins at 0 and covers everything before it.
+FF FF FD 00, id, length (2 bytes), instruction, parameters, CRC-16 (2 bytes), low bytes first; the length counts the
+bytes after it. In instruction and parameters another FD follows each FF FF FD ("stuffing"). The CRC has the polynomial
+0x8005, begins at 0 and covers everything before it.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def test_spaces_are_those_of_the_task_and_a_task_with_poses_is_refused():
         env = RigEnv(InstrumentV1Config(), rig)
         simulated = gymnasium.make("rj_gym/Instrument-v1")
         assert env.observation_space == simulated.observation_space and env.action_space == simulated.action_space
-        with pytest.raises(InvalidInput, match="sensing.pose"):
+        with pytest.raises(InvalidInput, match=r"sensing\.pose"):
             RigEnv(LatePoseConfig(), rig)
         with pytest.raises(InvalidInput, match="target"):
             env.reset(options={"load": 1})

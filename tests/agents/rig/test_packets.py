@@ -18,10 +18,10 @@ class Recorded:
 
     is_using, content = False, b""
 
-    def clearPort(self):
+    def clearPort(self):  # noqa: N802
         pass
 
-    def writePort(self, values):
+    def writePort(self, values):  # noqa: N802
         self.content = bytes(values)
         return len(values)
 
@@ -44,7 +44,9 @@ def test_packets_are_found_in_pieces_between_garbage_and_stuffed_ones_come_out_a
     for _ in range(300):
         parameters = bytes(rng.choice([0, 0xFD, 0xFF], int(rng.integers(0, 12))).astype(np.uint8))
         sent.append(parameters)
-        content += rng.bytes(int(rng.integers(0, 4))).replace(b"\xff", b"\x00") + packet(7, Instruction.WRITE, parameters)
+        content += rng.bytes(int(rng.integers(0, 4))).replace(b"\xff", b"\x00") + packet(
+            7, Instruction.WRITE, parameters
+        )
     while content:
         size = int(rng.integers(1, 30))
         got += stream.feed(content[:size])

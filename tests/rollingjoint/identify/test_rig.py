@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from rollingjoint import flexible_arm, five_link, reach, solve_lengths
+from rollingjoint import five_link, flexible_arm, reach, solve_lengths
 from rollingjoint.cli import main
 from rollingjoint.errors import InvalidInput
 from rollingjoint.identify import identify_rig, read_recording, write_recording
