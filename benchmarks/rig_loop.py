@@ -21,7 +21,7 @@ from agents.rig.dynamixel import Dynamixels, DynamixelSettings
 from agents.rig.env import RigEnv
 from agents.rig.guard import GuardSettings
 from agents.rig.loop import Rig
-from agents.rig.pace import Clock, VirtualClock, WallClock
+from agents.rig.pace import LoopClock, VirtualClock, WallClock
 from agents.rig.protocols import RigError
 from agents.rig.simulated.bus import SimulatedBus
 from agents.rig.simulated.plant import Plant
@@ -82,7 +82,7 @@ def plant_of(env, info, seed: int) -> Plant:
     return Plant(chain, sampled["play_mm"], sampled["sheath_friction"], sampled["actuator_offsets"], [load], seed=seed)
 
 
-def over_the_bus(policy, plant: Plant, limits, target, clock: Clock, arguments) -> tuple[list[float], str]:
+def over_the_bus(policy, plant: Plant, limits, target, clock: LoopClock, arguments) -> tuple[list[float], str]:
     """Tip errors of an episode over a simulated bus [mm], and the times of its loop."""
     bus = SimulatedBus(plant, clock, signs=(1, -1))
     for servo, limit in zip(bus.servos.values(), limits, strict=True):

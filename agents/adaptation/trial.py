@@ -13,7 +13,7 @@ import numpy as np
 from agents.adaptation.bench import record
 from agents.adaptation.controllers import InstrumentController, instrument_controller
 from agents.adaptation.driving import WORLD, rig_settings, score_on_robots
-from agents.adaptation.identify import EVALUATIONS, Identified, identify, identify_recording
+from agents.adaptation.identify import Identified, identify, identify_recording
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import Robot
 from agents.adaptation.tuning import tuned
@@ -29,6 +29,7 @@ from agents.runs.folder import RunFolder
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError
 from rollingjoint.identify import IdentifiedRig, RigRecording
+from rollingjoint.identify.rig import EVALUATIONS
 from rollingjoint.tables import text_table
 
 Say = Callable[[str], object]

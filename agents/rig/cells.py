@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.rig.pace import Clock
-from agents.rig.protocols import Array, BusLost, Reading, RigError
+from agents.rig.pace import LoopClock
+from agents.rig.protocols import Array, BusLost, RigError, RigReading
 
 MOST_BAD = 3  # answers in a row that may be missing or wrong
 
@@ -39,27 +39,27 @@ class SerialCells:
         port: serial port. count: of load cells. clock: of readings. baud: rate. timeout: of an answer [s].
     """
 
-    def __init__(self, port: str, count: int, clock: Clock, baud: int = 115_200, timeout: float = 0.02) -> None:
+    def __init__(self, port: str, count: int, clock: LoopClock, baud: int = 115_200, timeout: float = 0.02) -> None:
         import serial  # with the extra `rig`
 
         from agents.rig.dynamixel import PORT_ERRORS
 
         self._errors = PORT_ERRORS
         self.count, self.clock, self._bad = count, clock, 0
-        self._last: Reading | None = None
+        self._last: RigReading | None = None
         self._sequence = -1
         try:
             self._port = serial.Serial(port, baud, timeout=timeout)
         except serial.SerialException as error:
             raise BusLost(f"load cells at {port}: {error}") from error
 
-    def read(self) -> Reading:
+    def read(self) -> RigReading:
         """Tensions [N]; raises RigError after more than three wrong answers, BusLost without a port."""
         while (reading := self._tried()) is None:
             continue
         return reading
 
-    def _tried(self) -> Reading | None:
+    def _tried(self) -> RigReading | None:
         """A reading; None before the first good answer, for which the amplifier is asked again."""
         try:
             self._port.reset_input_buffer()
@@ -72,9 +72,9 @@ class SerialCells:
             self._bad += 1
             if self._bad > MOST_BAD:
                 raise RigError(f"load cells answer {line[:40]!r}, wrong or old for the {self._bad}th time in a row")
-            return None if self._last is None else Reading(self._last.values, self._last.t, self._bad)
+            return None if self._last is None else RigReading(self._last.values, self._last.t, self._bad)
         self._bad, self._sequence = 0, content[0]
-        self._last = Reading(content[1], self.clock.now())
+        self._last = RigReading(content[1], self.clock.now())
         return self._last
 
     def close(self) -> None:

@@ -22,8 +22,8 @@ import numpy as np
 import serial
 from numpy.typing import NDArray
 
-from agents.rig.pace import Clock
-from agents.rig.protocols import Array, BusLost, HardwareAlert, Reading, RigError
+from agents.rig.pace import LoopClock
+from agents.rig.protocols import Array, BusLost, HardwareAlert, RigError, RigReading
 from agents.rig.spool import Spools
 from rollingjoint.checks import as_integer, as_number, as_positive
 from rollingjoint.errors import ConfigError
@@ -53,7 +53,7 @@ if sys.platform != "win32":
     PORT_ERRORS = (*PORT_ERRORS, termios.error)  # of a cable that is pulled; pyserial lets it through
 
 
-class _Port(dxl.PortHandler):  # type: ignore[misc]
+class _Port(dxl.PortHandler):
     """The SDK's port, which waits in the kernel, by a clock that nobody sets, and is free again after an exception."""
 
     blocking_s, sent = 0.002, 0
@@ -130,7 +130,7 @@ class Dynamixels:
     """
 
     def __init__(
-        self, settings: DynamixelSettings, spools: Spools, clock: Clock, step_s: float, patience_ms: float = 10.0
+        self, settings: DynamixelSettings, spools: Spools, clock: LoopClock, step_s: float, patience_ms: float = 10.0
     ) -> None:
         self.settings, self.spools, self.clock = settings, spools, clock
         self.ids = list(settings.ids)
@@ -193,7 +193,7 @@ class Dynamixels:
         if (shown := self._get(ident, _WATCHDOG, 1)) != self._watchdog:
             raise RigError(f"motor {ident} shows a watchdog of {shown}, not {self._watchdog}, after it was set")
 
-    def read(self) -> Reading:
+    def read(self) -> RigReading:
         """Positions [mm].
 
         Raises:
@@ -213,7 +213,7 @@ class Dynamixels:
                 jump = (ticks - self.ticks).tolist()
                 raise RigError(f"positions jumped by {jump} ticks: turns are lost after a reboot; home again")
         self.ticks, self._read_at = ticks, now
-        return Reading(self.spools.lengths(ticks), now, self.counts["retries"] - before)
+        return RigReading(self.spools.lengths(ticks), now, self.counts["retries"] - before)
 
     def _check(self, blocks: dict[int, bytes]) -> None:
         problems = []
@@ -299,8 +299,8 @@ class Dynamixels:
         held = True
         for ident in self.ids:
             try:
-                if self._get(ident, _HARDWARE_ERROR, 1):
-                    held = False
+                if self._get(ident, _HARDWARE_ERROR, 1) or not self._get(ident, _TORQUE, 1):
+                    held = False  # it cannot hold
                     continue
                 if self._get(ident, _WATCHDOG, 1) == TRIPPED:
                     continue  # it stands, and takes no goals

@@ -11,12 +11,12 @@ from gymnasium import spaces
 from agents.rig.loop import Rig, RigState
 from agents.rig.protocols import Array, RigError
 from rj_gym.core.columns import STEP, TARGET, TENSIONS
-from rj_gym.core.settings import Settings
 from rj_gym.core.spaces import observation_space
 from rj_gym.registry import task_of
 from rj_gym.tracking.arrays import POSITION, TENSION
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 MOST_LOOKS = 400  # at the rig, until every tendon has the tension of the start
@@ -39,9 +39,9 @@ class RigEnv(gymnasium.Env[Any, Any]):
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own form)
 
-    def __init__(self, settings: Settings, rig: Rig) -> None:
-        self.task: Any = task_of(settings)
-        self.config: TaskConfig = self.task.config
+    def __init__(self, settings: TaskConfig, rig: Rig) -> None:
+        self.task: TrackingTask = task_of(settings)
+        self.config = self.task.config
         if self.config.sensing.pose != "none" or not self.config.is_instrumented:
             raise InvalidInput(
                 "settings", self.config.sensing.pose, 'a task with sensing.pose "none", as Instrument-v1'

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.rig.protocols import Array, Reading, Stopped
+from agents.rig.protocols import Array, RigReading, Stopped
 from rollingjoint.checks import as_number, as_positive
 from rollingjoint.errors import ConfigError
 
@@ -47,7 +47,7 @@ class GuardSettings:
 
 
 @dataclass
-class Guard:
+class RigGuard:
     """Checks goals against the last readings.
 
     Attributes:
@@ -58,7 +58,7 @@ class Guard:
     home: Array
     interventions: list[str] = field(default_factory=list)
 
-    def passed(self, goals: Array, before: Array, motors: Reading, tensions: Reading, now: float) -> Array:
+    def passed(self, goals: Array, before: Array, motors: RigReading, tensions: RigReading, now: float) -> Array:
         """The goals that may be sent, (m,) [mm].
 
         Args:

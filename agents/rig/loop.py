@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from agents.rig.guard import Guard, GuardSettings
-from agents.rig.pace import Clock, Pace
-from agents.rig.protocols import Array, Motors, Poses, Reading, RigError, Stopped, Tensions
+from agents.rig.guard import GuardSettings, RigGuard
+from agents.rig.pace import LoopClock, Pace
+from agents.rig.protocols import Array, RigError, RigMotors, RigPoses, RigReading, RigTensions, Stopped
 from rollingjoint.checks import as_integer
 from rollingjoint.identify import RecordingWriter
 
@@ -39,21 +39,21 @@ class Rig:
 
     def __init__(
         self,
-        motors: Motors,
-        tensions: Tensions,
-        clock: Clock,
+        motors: RigMotors,
+        tensions: RigTensions,
+        clock: LoopClock,
         home: Array,
         guard: GuardSettings | None = None,
         rate: float = 20.0,
         looks: int = 4,
-        poses: Poses | None = None,
+        poses: RigPoses | None = None,
         writer: RecordingWriter | None = None,
     ) -> None:
         self.motors, self.tensions, self.poses, self.clock, self.writer = motors, tensions, poses, clock, writer
-        self.looks = as_integer("looks", looks, 1, 100)
+        self.looks, self._late = as_integer("looks", looks, 1, 100), 0.0
         whole = guard or GuardSettings()
         self.step_mm, self.rate = whole.step_mm, rate
-        self.guard = Guard(replace(whole, step_mm=whole.step_mm / self.looks), np.asarray(home, float))
+        self.guard = RigGuard(replace(whole, step_mm=whole.step_mm / self.looks), np.asarray(home, float))
         self.pace = Pace(clock, rate * self.looks)
         self._read()
         self.goal: Array = self._motor_reading.values.copy()
@@ -118,7 +118,7 @@ class Rig:
 
     def _read(self) -> None:
         self._motor_reading, self._tension_reading = self.motors.read(), self.tensions.read()
-        self._tip: Reading | None = None if self.poses is None else self.poses.read()
+        self._tip: RigReading | None = None if self.poses is None else self.poses.read()
         self._late = 0.0
 
     def _log(self, **others: Any) -> None:

@@ -16,7 +16,7 @@ _SPUN = 3e-4  # s: the end of a wait, which sleeping would miss
 _PATIENCE = 5.0  # s of the wall, for a simulated bus to read what was sent
 
 
-class Clock(Protocol):
+class LoopClock(Protocol):
     """Seconds, and a wait."""
 
     def now(self) -> float:
@@ -74,7 +74,7 @@ class Pace:
         late: by which steps began late [s]. work: from the beginning of a step to its wait [s]. missed: steps left out.
     """
 
-    def __init__(self, clock: Clock, rate: float) -> None:
+    def __init__(self, clock: LoopClock, rate: float) -> None:
         self.clock, self.period = clock, 1.0 / as_positive("rate", rate, "a positive number [Hz]")
         self.late: list[float] = []
         self.work: list[float] = []

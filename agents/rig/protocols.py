@@ -33,7 +33,7 @@ class Stopped(RigError):
 
 
 @dataclass(frozen=True)
-class Reading:
+class RigReading:
     """Values (m,), or (d,) of a tip, their time [s], and how often the device had to be asked again."""
 
     values: Array
@@ -41,10 +41,10 @@ class Reading:
     retries: int = 0
 
 
-class Motors(Protocol):
+class RigMotors(Protocol):
     """Motors that wind up tendons, m of them."""
 
-    def read(self) -> Reading:
+    def read(self) -> RigReading:
         """Positions [mm]."""
 
     def write(self, goals: Array) -> None:
@@ -60,18 +60,18 @@ class Motors(Protocol):
         """Leave the port; motors hold."""
 
 
-class Tensions(Protocol):
+class RigTensions(Protocol):
     """Load cells at the motors."""
 
-    def read(self) -> Reading:
+    def read(self) -> RigReading:
         """Tensions [N]."""
 
     def close(self) -> None:
         """Leave the port."""
 
 
-class Poses(Protocol):
+class RigPoses(Protocol):
     """A tracker of the tip."""
 
-    def read(self) -> Reading | None:
+    def read(self) -> RigReading | None:
         """Place of the tip in the frame of the base [mm]; None: not seen."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.rig.guard import GuardSettings
 from agents.rig.loop import Rig
-from agents.rig.pace import Clock, VirtualClock, WallClock
+from agents.rig.pace import LoopClock, VirtualClock, WallClock
 from agents.rig.spool import Spools
 from agents.runs.checked_json import read_json
 from agents.runs.files import write_text
@@ -173,8 +173,8 @@ def connected(
 
     spools = settings.spools(calibrated)
     bus: Any = None
-    clock: Clock = WallClock()
-    ports = settings.motors.get("port"), settings.cells.get("port")
+    clock: LoopClock = WallClock()
+    ports = str(settings.motors.get("port")), str(settings.cells.get("port"))
     if settings.simulated is not None:
         bus, clock = simulated_bus(settings)
         ports = bus.port, bus.cell_port
@@ -198,7 +198,7 @@ def connected(
             bus.close()
 
 
-def simulated_bus(settings: RigSettings) -> tuple[Any, Clock]:
+def simulated_bus(settings: RigSettings) -> tuple[Any, LoopClock]:
     """A robot behind a simulated bus, and its clock."""
     from agents.adaptation.robot import robot
     from agents.rig.simulated.bus import SimulatedBus
@@ -214,7 +214,7 @@ def simulated_bus(settings: RigSettings) -> tuple[Any, Clock]:
         for tendon, mu in zip(one.chain.tendons, one.mu.tolist(), strict=True)
     ]
     chain = one.chain.replace(tendons=tendons)
-    clock: Clock = WallClock() if content["wall"] else VirtualClock()
+    clock: LoopClock = WallClock() if content["wall"] else VirtualClock()
     plant = Plant(chain, one.play_mm, one.sheath_friction, one.motor_offsets, seed=one.number)
     signs, radius = tuple(settings.motors["signs"]), float(settings.motors["radius_mm"])
     return SimulatedBus(plant, clock, radius, signs, seed=one.number), clock
@@ -223,17 +223,17 @@ def simulated_bus(settings: RigSettings) -> tuple[Any, Clock]:
 class _SimulatedTracker:
     """A camera at a simulated bench: the tip with noise."""
 
-    def __init__(self, bus: Any, clock: Clock, noise: float = 0.2) -> None:
+    def __init__(self, bus: Any, clock: LoopClock, noise: float = 0.2) -> None:
         self.bus, self.clock, self.noise = bus, clock, noise
         self._rng = np.random.default_rng(1)
 
     def read(self) -> Any:
         """Place of the tip [mm]."""
-        from agents.rig.protocols import Reading
+        from agents.rig.protocols import RigReading
 
         with self.bus.lock:
             tip = self.bus.plant.tip
-        return Reading(tip + self.noise * self._rng.standard_normal(len(tip)), self.clock.now())
+        return RigReading(tip + self.noise * self._rng.standard_normal(len(tip)), self.clock.now())
 
 
 __all__ = ["RigSettings", "connected", "load_rig", "simulated_bus", "unstretched_length"]

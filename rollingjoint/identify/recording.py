@@ -249,7 +249,8 @@ def _recording(
     for name, rows in steps.items():
         if len(rows) > 1:
             try:
-                runs.append(RecordedRun(*(np.array(column) for column in zip(*rows, strict=True)), name))
+                t, motors, tensions, tips = (np.array(column) for column in zip(*rows, strict=True))
+                runs.append(RecordedRun(t, motors, tensions, tips, name))
             except InvalidInput as error:
                 raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from None
     if not runs:

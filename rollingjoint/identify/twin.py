@@ -30,7 +30,7 @@ PART, WARM = 50, 15  # steps of a part of a run, and steps before it in which fr
 _SHARE = 0.5  # of the way of a motor in a run, where that is shorter
 
 
-class Prediction(NamedTuple):
+class RigPrediction(NamedTuple):
     """Predictions for K rigs in E runs of T steps: tensions (K, E, T, m) [N], tips (K, E, T, d) [mm].
 
     `ok` (K, E, T) is False where there is no equilibrium; the next step goes on from the last one.
@@ -78,7 +78,7 @@ class RigModel:
         way, whole = high - low, np.ptp(self.motors, axis=1, keepdims=True)
         return np.asarray((way >= np.minimum(WIDEST_PLAY, _SHARE * whole)).all(axis=-1))
 
-    def predict(self, vectors: Array) -> Prediction:
+    def predict(self, vectors: Array) -> RigPrediction:
         """Predictions for rigs as vectors, (K, P)."""
         motors = self._moved_motors(vectors)
         half, sheath, offsets = (
@@ -155,7 +155,9 @@ class RigModel:
                 ok[:, :, at[kept]] = fine.reshape(parts)[:, :, kept]
         return tensions, tips, ok
 
-    def _step_by_step(self, chains: list[Any], motors: Array, half: Array, sheath: Array, offsets: Array) -> Prediction:
+    def _step_by_step(
+        self, chains: list[Any], motors: Array, half: Array, sheath: Array, offsets: Array
+    ) -> RigPrediction:
         (rigs, runs, steps, m), d = motors.shape, self.space.mechanism.dimension
         mechanisms = tuple(chain for chain in chains for _ in range(runs))
         stiffnesses = np.stack([chain.stiffnesses for chain in chains])[:, None]
@@ -179,9 +181,9 @@ class RigModel:
 
     def _read(
         self, tensions: Array, tips: Array, ok: Any, motors: Array, tendons: Array, half: Array, sheath: Array
-    ) -> Prediction:
+    ) -> RigPrediction:
         place = sheath_direction(tendons, motors, half[:, :, None])
-        return Prediction(tensions * sheath_ratio(sheath[:, :, None], place), tips, ok)
+        return RigPrediction(tensions * sheath_ratio(sheath[:, :, None], place), tips, ok)
 
 
 def _remembered(solved: Any, angles: Array | None, history: Any) -> tuple[Array, Any]:

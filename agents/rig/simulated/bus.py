@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.rig.cells import cell_line
-from agents.rig.pace import Clock
+from agents.rig.pace import LoopClock
 from agents.rig.protocols import Array
 from agents.rig.simulated.faults import Faults
 from agents.rig.simulated.plant import Plant
@@ -43,7 +43,7 @@ class SimulatedBus:
     def __init__(
         self,
         plant: Plant,
-        clock: Clock,
+        clock: LoopClock,
         radius_mm: float = 10.0,
         signs: tuple[int, ...] | None = None,
         seed: int = 1,

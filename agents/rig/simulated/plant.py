@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.rig.protocols import Array
-from rollingjoint import solve_lengths, solve_tensions
+from rollingjoint import Status, solve_lengths, solve_tensions
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.status import Status
 from rollingjoint.load import Load
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio, unstretched_length
 

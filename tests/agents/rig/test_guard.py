@@ -1,11 +1,11 @@
-"""Guard, spools and pace."""
+"""The guard, spools and pace."""
 
 import numpy as np
 import pytest
 
-from agents.rig.guard import Guard, GuardSettings
+from agents.rig.guard import GuardSettings, RigGuard
 from agents.rig.pace import Pace, VirtualClock, WallClock
-from agents.rig.protocols import Reading, Stopped
+from agents.rig.protocols import RigReading, Stopped
 from agents.rig.spool import Spools
 from rollingjoint.errors import ConfigError
 
@@ -13,8 +13,8 @@ HOME = np.array([90.0, 97.0])
 
 
 def passed(goal, tensions=(5.0, 5.0), before=HOME, motors=HOME, age=0.0, **settings):
-    guard = Guard(GuardSettings(**settings), HOME)
-    readings = Reading(np.array(motors), 1.0 - age), Reading(np.array(tensions), 1.0)
+    guard = RigGuard(GuardSettings(**settings), HOME)
+    readings = RigReading(np.array(motors), 1.0 - age), RigReading(np.array(tensions), 1.0)
     return guard.passed(np.array(goal), np.array(before), *readings, 1.0), guard.interventions
 
 
