@@ -12,6 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +72,7 @@ def _adapt_to_rig(arguments: argparse.Namespace) -> int:
     """Identify a rig from its recording, adapt policies to it and write them."""
     from agents.adaptation.trial import TrialPlan, adaptable, adapted_to_rig
     from agents.policies.file import SUFFIX
+    from agents.policies.loading import list_policies, load_policy
     from agents.policies.shipped import ShippedPolicy
     from agents.runs.files import write_bytes
     from rollingjoint.errors import ConfigError
@@ -80,6 +82,8 @@ def _adapt_to_rig(arguments: argparse.Namespace) -> int:
     if arguments.policies is None:
         raise ConfigError("--policies", None, "a folder for what --recording makes", "Add --policies FOLDER.")
     controllers = {_short(name): adaptable(name) for name in arguments.controller}
+    for name in set(controllers) & set(list_policies()):  # of these the newest, for motors of rigs
+        controllers[name] = replace(controllers[name], controller=load_policy(name))
     for name, candidate in controllers.items():
         if not isinstance(candidate.controller, ShippedPolicy):
             raise ConfigError("--controller", name, "a policy, which can be written, with --recording")

@@ -40,9 +40,7 @@ class SerialCells:
     """
 
     def __init__(self, port: str, count: int, clock: LoopClock, baud: int = 115_200, timeout: float = 0.02) -> None:
-        import serial  # with the extra `rig`
-
-        from agents.rig.dynamixel import PORT_ERRORS
+        from agents.rig.dynamixel import PORT_ERRORS, serial  # with the extra `rig`
 
         self._errors = PORT_ERRORS
         self.count, self.clock, self._bad = count, clock, 0

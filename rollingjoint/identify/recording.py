@@ -249,8 +249,8 @@ def _recording(
     for name, rows in steps.items():
         if len(rows) > 1:
             try:
-                t, motors, tensions, tips = (np.array(column) for column in zip(*rows, strict=True))
-                runs.append(RecordedRun(t, motors, tensions, tips, name))
+                columns = [np.array(column, float) for column in zip(*rows, strict=True)]
+                runs.append(RecordedRun(columns[0], columns[1], columns[2], columns[3], name))
             except InvalidInput as error:
                 raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from None
     if not runs:

@@ -52,7 +52,7 @@ def test_spaces_are_those_of_the_task_and_a_task_with_poses_is_refused():
         with pytest.raises(InvalidInput, match="target"):
             env.reset(options={"load": 1})
         env.reset(seed=1)
-        with pytest.raises(InvalidInput, match="RigMotors hold"):
+        with pytest.raises(InvalidInput, match="Motors hold"):
             env.step(np.array([np.nan, 0.0]))
         rig.close()
 
