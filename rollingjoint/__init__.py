@@ -21,6 +21,7 @@ Modules:
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
     mujoco: mechanisms as MuJoCo models.
+    plan: tendon lengths over time along a path of targets.
     plotting: pictures with matplotlib.
     profile: contact surfaces and their curvature.
     spatial: second opinions on arms.
@@ -59,6 +60,7 @@ from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, Rolli
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.inverse import Reach, ReachStatus, all_solutions, reach, reach_batch
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
+from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.statics import sensitivity
 from rollingjoint.statics.loop import Loop, trace_loop
@@ -103,6 +105,8 @@ __all__ = [
     "MechanismError",
     "OnSurface",
     "PointHinge",
+    "Plan",
+    "PlanStatus",
     "Polygon",
     "Problem",
     "Profile",
@@ -130,6 +134,7 @@ __all__ = [
     "flexible_arm",
     "pitch_yaw",
     "pitch_yaw_two_segment",
+    "plan_path",
     "prepare",
     "preset",
     "reach",
