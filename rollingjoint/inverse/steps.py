@@ -158,13 +158,19 @@ class Step:
         """Whether it is a stable equilibrium."""
         return bool(self.pose.equilibrium.ok)
 
+    def reaches(self, tolerance: float) -> bool:
+        """Whether it is one within a tolerance of the goal [mm]."""
+        return self.ok and self.pose.distance <= tolerance
+
 
 def approach(begin: Pose, tolerance: float) -> Step:
     """The equilibrium nearest to the goal that solves find from a pose, each from the one before, without a history."""
     return _search(begin, None, tolerance, np.inf, jumps=True)
 
 
-def step_to(before: Pose, situation: Situation, goal: Goal, tolerance: float, travel: ArrayLike, jumps: bool) -> Step:
+def step_to(
+    before: Pose, situation: Situation, goal: Goal, tolerance: float, travel: ArrayLike = np.inf, jumps: bool = False
+) -> Step:
     """The step from an equilibrium to the nearest one to a goal, no command changing by more than the travel.
 
     Args:
@@ -174,6 +180,21 @@ def step_to(before: Pose, situation: Situation, goal: Goal, tolerance: float, tr
     """
     at = situation.solve(before.command, None, before.equilibrium)
     return _search(Pose(situation, goal, at, before.command), before, tolerance, travel, jumps)
+
+
+def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Step]:
+    """Steps to a command in equal parts, wherever they lead, as far as there are equilibria."""
+    steps: list[Step] = []
+    first = before.command
+    for share in np.linspace(0.0, 1.0, count + 1)[1:]:
+        lengths = first + share * (command - first)
+        pose = replace(before, goal=goal, command=lengths)
+        pose = replace(pose, equilibrium=pose.situation.solve(lengths, None, before.equilibrium))
+        if not pose.equilibrium.ok:
+            break
+        steps.append(Step(pose, _snaps(before, pose), 1))
+        before = pose
+    return steps
 
 
 def _search(pose: Pose, before: Pose | None, tolerance: float, travel: ArrayLike, jumps: bool) -> Step:

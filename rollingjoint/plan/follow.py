@@ -16,12 +16,13 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
 from rollingjoint.inverse.search import PREFERENCES, all_solutions, checked_lever, preferred_tensions, reach
-from rollingjoint.inverse.steps import Pose, Situation, Step, approach, step_to
+from rollingjoint.inverse.steps import Pose, Situation, Step, approach, drive, step_to
 from rollingjoint.load import Load
 from rollingjoint.plan.path import among_walls, between, target_like
 from rollingjoint.plan.result import Plan, PlanStatus
 from rollingjoint.statics.among import ORIGIN, Around, bases_of, walls_of
 from rollingjoint.statics.inputs import tension_limits_of
+from rollingjoint.statics.solve import solve_tensions
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,7 @@ RATE = 10.0  # mm/s
 STARTS = 6
 TOLERANCE = 1e-3  # mm
 _STEP = 0.01  # of a mechanism's length
+_TURN, _MOST_DETOURS = 0.05, 3  # rad: largest turn of a joint in a step of a detour; how many are tried
 _SOONEST = 1e-9  # s: time of a step in which nothing moves
 
 
@@ -53,8 +55,9 @@ def plan_path(
     """The tendon lengths over time that lead the mechanism along a path, each step from the one before.
 
     Friction of the tendons and at walls goes on from step to step. Where the mechanism would snap to another pose, or
-    miss targets, plans from other solutions for the first target and with other preferences are tried. The result is
-    the first one that follows the whole path; or the one that misses the least, a snap taken where all of them miss.
+    miss targets, plans from other solutions for the first target and with other preferences are tried. If none of them
+    follows the whole path, the one with the fewest misses drives to other poses at targets that it misses: off the path
+    in more steps, as smoothly as it can, or with a snap. With times there is no such detour.
 
     Args:
         mechanism: a chain of any class.
@@ -94,7 +97,7 @@ def plan_path(
     best: _Way | None = None
     solves = 0
     for word, (begin, spent) in _limited(_begins(task, situation, words, start, near), count):
-        way = _follow(task, begin, word, rates, near, jumps=False)
+        way = _follow(task, begin, word, rates, near, detours=False)
         solves += spent + way.solves
         if best is None or way.faults < best.faults:
             best = way
@@ -102,7 +105,7 @@ def plan_path(
             break
     assert best is not None
     if best.faults[0] > 0:
-        way = _follow(task, best.steps[0], best.prefer, rates, near, jumps=True)
+        way = _follow(task, best.steps[0], best.prefer, rates, near, detours=True)
         solves += way.solves
         best = min(best, way, key=lambda each: each.faults)
     return _plan(task, best, (limits[0], limits[1]), cap, near, rates, solves)
@@ -114,6 +117,7 @@ class _Task:
 
     mechanism: AnyChain
     targets: Array
+    targets_here: Array  # in the frame of the base
     goal: Goal
     waypoints: NDArray[np.int64]
     bases: Array
@@ -158,7 +162,7 @@ class _Task:
         local = among_walls(dense, bases, shape, back=True) if among else dense
         goal = Goal.of(mechanism, local, lever, single=False)
         given = places if start is None else places[1:]
-        return cls(mechanism, dense, goal, given, bases, when[0] if when else None)
+        return cls(mechanism, dense, local, goal, given, bases, when[0] if when else None)
 
     def goal_of(self, step: int) -> Goal:
         """The goal of one step."""
@@ -167,19 +171,21 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Way:
-    """An attempt: its steps, and how many of them fail."""
+    """An attempt: its steps, and the targets that they are to reach."""
 
     steps: list[Step]
+    numbers: list[int]
     prefer: str
-    misses: Array
     solves: int
     tolerance: float
 
     @property
     def faults(self) -> tuple[int, int, float]:
-        """Steps that miss or have no equilibrium, snaps, and the sum of the misses [mm]; less is better."""
-        failed = sum(not step.ok for step in self.steps) + int(np.sum(self.misses > self.tolerance))
-        return failed, sum(step.snapped for step in self.steps), float(self.misses.sum())
+        """Targets that no step reaches, snaps, and the mean miss of all steps [mm]; less is better."""
+        reached = {number for number, step in zip(self.numbers, self.steps, strict=True) if step.reaches(self.tolerance)}
+        misses = [step.pose.distance for step in self.steps if step.ok]
+        missed = self.numbers[-1] + 1 - len(reached)
+        return missed, sum(step.snapped for step in self.steps), float(np.mean(misses)) if misses else np.inf
 
 
 def _limited(items: Iterator[Any], count: int) -> Iterator[Any]:
@@ -191,9 +197,7 @@ def _begins(
 ) -> Iterator[tuple[str, tuple[Step, int]]]:
     """First steps, with the word of their preference: at the start, or at solutions for the first target."""
     goal, chain, limits = task.goal_of(0), task.mechanism, (situation.limits[0], situation.limits[1])
-    target = task.targets[0]
-    if situation.surroundings is not None:
-        target = among_walls(target[None], task.bases[:1], target.shape, back=True)[0]
+    target = task.targets_here[0]
     for word in words:
         here = replace(situation, preferred=np.asarray(preferred_tensions(word, *limits)))
         if start is not None:
@@ -213,23 +217,58 @@ def _begins(
             yield word, (step, step.solves)
 
 
-def _follow(task: _Task, first: Step, word: str, rates: Array, near: float, jumps: bool) -> _Way:
-    """All steps from the first one; jumps: a snap is taken where a target is missed without."""
-    steps, at, solves = [first], first.pose, 0
+def _follow(task: _Task, first: Step, word: str, rates: Array, near: float, detours: bool) -> _Way:
+    """All steps from the first one; detours: drives to another pose where a target is missed."""
+    steps, numbers, at, solves = [first], [0], first.pose, 0
     for number in range(1, len(task.targets)):
         situation, goal = replace(at.situation, base=task.bases[number]), task.goal_of(number)
         span = np.inf if task.times is None else task.times[number] - task.times[number - 1]
-        step = step_to(at, situation, goal, near, rates * span, jumps=False)
-        solves += step.solves
-        if jumps and (not step.ok or step.pose.distance > near):
-            other = step_to(at, situation, goal, near, rates * span, jumps=True)
-            solves += other.solves
-            if other.ok and (not step.ok or other.pose.distance < step.pose.distance):
-                step = other
-        steps.append(step)
-        at = step.pose if step.ok else at
-    misses = np.array([step.pose.distance if step.ok else 0.0 for step in steps])
-    return _Way(steps, word, misses, solves, near)
+        taken = [step_to(at, situation, goal, near, rates * span)]
+        solves += taken[0].solves
+        if detours and not taken[0].reaches(near):
+            ways = [[step_to(at, situation, goal, near, rates * span, jumps=True)]]
+            if span == np.inf:
+                ways += _detours(task, number, word, replace(at, situation=situation), near)
+            solves += sum(step.solves for way in ways for step in way)
+            arrived = [way for way in ways if way[-1].reaches(near)]
+            if arrived:
+                taken = min(arrived, key=lambda way: (sum(step.snapped for step in way), len(way)))
+            elif not taken[0].ok:
+                taken = ways[0]
+        steps += taken
+        numbers += [number] * len(taken)
+        at = steps[-1].pose if steps[-1].ok else at
+    return _Way(steps, numbers, word, solves, near)
+
+
+def _detours(task: _Task, number: int, word: str, at: Pose, near: float) -> list[list[Step]]:
+    """Drives from a pose to the nearest solutions for a target, each in steps of _TURN at most."""
+    goal, situation = task.goal_of(number), at.situation
+    target = task.targets_here[number]
+    limits = situation.limits[0], situation.limits[1]
+    solutions = all_solutions(
+        task.mechanism, target, situation.loads, limits, prefer=word, starts=32, lever=task.goal.lever
+    )
+    rest = solve_tensions(task.mechanism, np.where(np.isfinite(limits[1]), 0.5 * sum(limits), 2.0 * limits[0] + 1.0), situation.loads)
+    ways = []
+    for one in sorted(solutions, key=lambda one: _turn(at.equilibrium, one))[:_MOST_DETOURS]:
+        for stops in ([one], [rest, one]):
+            way: list[Step] = []
+            for stop in stops:
+                last = way[-1].pose if way else at
+                command = replace(last, equilibrium=stop.equilibrium if isinstance(stop, Reach) else stop).held
+                way += drive(last, goal, command, int(np.ceil(_turn(last.equilibrium, stop) / _TURN)))
+            if way:
+                way.append(step_to(way[-1].pose, situation, goal, near))
+                ways.append(way)
+                if way[-1].reaches(near):
+                    break
+    return ways
+
+
+def _turn(here: Any, there: Any) -> float:
+    """Largest difference of their joint angles [rad]."""
+    return float(np.abs(here.joint_angles - there.joint_angles).max(initial=0.0))
 
 
 def _plan(
@@ -238,16 +277,18 @@ def _plan(
     """The plan of the best attempt."""
     lengths = np.array([step.pose.command for step in way.steps])
     travel = np.abs(np.diff(lengths, axis=0))
+    numbers = np.array(way.numbers)
     if task.times is None:
         times = np.concatenate([[0.0], np.cumsum(np.maximum((travel / rates).max(axis=1), _SOONEST))])
         at_rate = np.zeros(lengths.shape, bool)
     else:
-        times = task.times
+        times = task.times[numbers]
         fast = travel >= (1.0 - 1e-9) * rates * np.diff(times)[:, None]
         at_rate = np.concatenate([np.zeros((1, lengths.shape[1]), bool), fast])
     ok, snapped = (np.array([getattr(step, name) for step in way.steps]) for name in ("ok", "snapped"))
     distance = np.array([step.pose.distance for step in way.steps])
     status = np.where(distance > near, PlanStatus.MISSED, PlanStatus.FOLLOWED)
+    status[:-1][numbers[1:] == numbers[:-1]] = PlanStatus.DETOUR
     status = np.where(snapped, PlanStatus.SNAPPED, status)
     status = np.where(ok, status, PlanStatus.NO_EQUILIBRIUM)
     equilibria = stacked([step.pose.equilibrium for step in way.steps])
@@ -255,8 +296,8 @@ def _plan(
         equilibria,
         lengths,
         times,
-        task.targets,
-        task.waypoints,
+        task.targets[numbers],
+        np.searchsorted(numbers, task.waypoints, side="right") - 1,
         distance,
         status,
         at_rate,

@@ -20,8 +20,9 @@ class PlanStatus(IntEnum):
 
     FOLLOWED = 0
     MISSED = 1
-    SNAPPED = 2
-    NO_EQUILIBRIUM = 3
+    DETOUR = 2
+    SNAPPED = 3
+    NO_EQUILIBRIUM = 4
 
     @property
     def message(self) -> str:
@@ -32,6 +33,7 @@ class PlanStatus(IntEnum):
 _MESSAGES = {
     PlanStatus.FOLLOWED: "followed",
     PlanStatus.MISSED: "missed: the nearest equilibrium within the limits, without a snap; widen limits that bind",
+    PlanStatus.DETOUR: "detour: off the path, on the way to another pose for this target",
     PlanStatus.SNAPPED: "snapped: the mechanism jumps to another pose in this step; try a path around it",
     PlanStatus.NO_EQUILIBRIUM: "no stable equilibrium: the plan goes on from the step before",
 }
