@@ -1,10 +1,12 @@
 """Inverse statics: the tendon lengths, or tensions, that bring a mechanism where it should be (docs/inverse.md).
 
 Modules:
+    constrained: least squares under linear inequalities.
     goal: links and where they should be, in the form of the kernels.
     result: results of the functions.
     search: the functions.
     starts: equilibria to start from.
+    steps: a step by solves of the whole model, among walls and with friction.
     warm: a single search from a known equilibrium.
 """
 

@@ -73,7 +73,8 @@ class Goal:
     def places(self, solution: Any) -> tuple[Array, Array]:
         """Points and frames of the links at equilibria, or at one, as those of the goal."""
         d = solution.positions.shape[-1]
-        positions, poses = (values[None] if solution.positions.ndim == 2 else values for values in (solution.positions, solution.poses))
+        single = solution.positions.ndim == 2
+        positions, poses = (values[None] if single else values for values in (solution.positions, solution.poses))
         points = np.zeros((len(positions), len(self.links), 3))
         points[..., :d] = positions[:, self.links]
         frames = np.zeros((len(points), len(self.links) if self.frames.shape[1] else 0, 9))

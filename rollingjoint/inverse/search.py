@@ -172,6 +172,7 @@ def _first(mechanism: AnyChain | Sequence[AnyChain]) -> AnyChain:
 
 
 def checked_lever(lever: float | None) -> float | None:
+    """The lever; InvalidInput unless it is None or a number from 0."""
     return None if lever is None else as_number("lever", lever, 0.0)
 
 

@@ -1,7 +1,7 @@
-"""A step to a target by solves of the whole model, each from the equilibrium before the step: among walls, with friction.
+"""A step to a target by solves of the whole model, walls and friction included, from the equilibrium before the step.
 
-The search of the kernel (kernels.inverse) knows neither. Here every trial is a solve, and a step minimises, over the
-change x of the commanded lengths,
+The search of the kernel (kernels.inverse) knows no walls and no friction. Here every trial is a solve, and a step
+minimises, over the change x of the commanded lengths,
 
     |e + E x|² + weight² |tau + D x - preferred|² + (stress excess)²,
 
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.outline import rotation
 from rollingjoint.inverse.constrained import constrained_least_squares
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.kernels.walled_solve import JUMP
@@ -72,12 +73,16 @@ class Situation:
 
 @dataclass(frozen=True)
 class Pose:
-    """An equilibrium on the way to a goal, and the command that holds it."""
+    """An equilibrium on the way to a goal, and the command that holds it.
+
+    free: joints that move in the linear model, (J,); None: those that are at no limit.
+    """
 
     situation: Situation
     goal: Goal
     equilibrium: Any
     command: Array  # (m,) mm
+    free: NDArray[np.bool_] | None = None
 
     @cached_property
     def miss(self) -> Array:
@@ -105,7 +110,7 @@ class Pose:
     def angle_rates(self) -> Array:
         """(J, m) d joint angles / d commanded lengths, no tendon yielding [rad/mm]."""
         at, k = self.equilibrium, self.situation.mechanism.stiffnesses
-        return joint_response(at, self._stiffness, at.torques_per_tension * k)
+        return joint_response(at, self._stiffness, at.torques_per_tension * k, self.free)
 
     def follows(self, other: Pose) -> bool:
         """Whether another equilibrium is where the tangent here says, by the rule of `Solution.jumped`."""
@@ -113,8 +118,9 @@ class Pose:
         tangent = self.angle_rates @ (other.command - self.command)
         walls = other.equilibrium.walls
         if walls is not None and self.equilibrium.walls is not None:
-            at, x, y, angle = self.equilibrium.walls.base[2], *(walls.base - self.equilibrium.walls.base)
-            motion = np.array([x * np.cos(at) + y * np.sin(at), y * np.cos(at) - x * np.sin(at), angle])
+            base = self.equilibrium.walls.base
+            motion = walls.base - base
+            motion[:2] = motion[:2] @ rotation(base[2])
             tangent += joint_response(self.equilibrium, self._stiffness, -self.equilibrium.base_torques) @ motion
         return bool((np.abs(moved) <= np.maximum(JUMP, 3.0 * np.abs(tangent))).all())
 
@@ -146,7 +152,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Step:
+class Move:
     """How a step to a goal ended: a pose, whether it snapped there, and the number of solves."""
 
     pose: Pose
@@ -163,14 +169,19 @@ class Step:
         return self.ok and self.pose.distance <= tolerance
 
 
-def approach(begin: Pose, tolerance: float) -> Step:
+def approach(begin: Pose, tolerance: float) -> Move:
     """The equilibrium nearest to the goal that solves find from a pose, each from the one before, without a history."""
     return _search(begin, None, tolerance, np.inf, jumps=True)
 
 
 def step_to(
-    before: Pose, situation: Situation, goal: Goal, tolerance: float, travel: ArrayLike = np.inf, jumps: bool = False
-) -> Step:
+    before: Pose,
+    situation: Situation,
+    goal: Goal,
+    tolerance: float,
+    travel: float | Array = np.inf,
+    jumps: bool = False,
+) -> Move:
     """The step from an equilibrium to the nearest one to a goal, no command changing by more than the travel.
 
     Args:
@@ -182,9 +193,9 @@ def step_to(
     return _search(Pose(situation, goal, at, before.command), before, tolerance, travel, jumps)
 
 
-def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Step]:
+def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Move]:
     """Steps to a command in equal parts, wherever they lead, as far as there are equilibria."""
-    steps: list[Step] = []
+    steps: list[Move] = []
     first = before.command
     for share in np.linspace(0.0, 1.0, count + 1)[1:]:
         lengths = first + share * (command - first)
@@ -192,12 +203,12 @@ def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Step]:
         pose = replace(pose, equilibrium=pose.situation.solve(lengths, None, before.equilibrium))
         if not pose.equilibrium.ok:
             break
-        steps.append(Step(pose, _snaps(before, pose), 1))
+        steps.append(Move(pose, _snaps(before, pose), 1))
         before = pose
     return steps
 
 
-def _search(pose: Pose, before: Pose | None, tolerance: float, travel: ArrayLike, jumps: bool) -> Step:
+def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | Array, jumps: bool) -> Move:
     """The search for a goal; before: the equilibrium before the step, None: each solve starts at the last one."""
     situation, goal = pose.situation, pose.goal
     snapped = before is not None and bool(pose.equilibrium.ok) and _snaps(before, pose)
@@ -224,18 +235,28 @@ def _search(pose: Pose, before: Pose | None, tolerance: float, travel: ArrayLike
         if fits and (jumps or not jumped):
             pose, snapped = trial, snapped or jumped
             trust = min(2.0 * trust, _FIRST_TRUST)
+        elif pose.free is None and trial.equilibrium.ok and _holds_others(pose, trial):
+            pose = replace(pose, free=trial.equilibrium.free_joints)
         else:
-            trust *= 0.3
+            trust, pose = 0.3 * trust, replace(pose, free=None)
     held = np.clip(pose.held, anchor - travel, anchor + travel) if pose.equilibrium.ok else pose.command
-    return Step(replace(pose, command=held), snapped, solves)
+    return Move(replace(pose, command=held), snapped, solves)
+
+
+def _holds_others(pose: Pose, trial: Pose) -> bool:
+    """Whether other joints are at their limits at a trial: the step is tried with those held, too."""
+    return not np.array_equal(pose.equilibrium.free_joints, trial.equilibrium.free_joints)
 
 
 def _snaps(before: Pose, pose: Pose) -> bool:
-    return bool(pose.equilibrium.jumped) or not before.follows(pose)
+    try:
+        return bool(pose.equilibrium.jumped) or not before.follows(pose)
+    except np.linalg.LinAlgError:  # on the verge of a snap
+        return True
 
 
 def _change(
-    pose: Pose, before: Pose | None, weight: float, anchor: Array, travel: ArrayLike, trust: float
+    pose: Pose, before: Pose | None, weight: float, anchor: Array, travel: float | Array, trust: float
 ) -> tuple[Array, float]:
     """The change x of the lengths, and the sum that it would leave."""
     at, situation, m = pose.equilibrium, pose.situation, len(anchor)
@@ -247,9 +268,7 @@ def _change(
     stress = _STRESS * pose.goal.size * force_rates[over]
     tiny = _TINY * (np.linalg.norm(rates) + 1e-9)
     A = np.concatenate([rates, weight * tension_rates, stress, tiny * np.eye(m)])
-    b = np.concatenate(
-        [-pose.miss, weight * (situation.preferred - at.tensions), -excess[forces][over], np.zeros(m)]
-    )
+    b = np.concatenate([-pose.miss, weight * (situation.preferred - at.tensions), -excess[forces][over], np.zeros(m)])
     room = pose.held - anchor
     rows = [
         (tension_rates, low - at.tensions),

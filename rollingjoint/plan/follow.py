@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain, check_chain
 from rollingjoint.chain.solution import Solution, stacked
-from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
+from rollingjoint.checks import as_floats, as_integer, as_positive
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
 from rollingjoint.inverse.search import PREFERENCES, all_solutions, checked_lever, preferred_tensions, reach
-from rollingjoint.inverse.steps import Pose, Situation, Step, approach, drive, step_to
+from rollingjoint.inverse.steps import Move, Pose, Situation, approach, drive, step_to
 from rollingjoint.load import Load
 from rollingjoint.plan.path import among_walls, between, target_like
 from rollingjoint.plan.result import Plan, PlanStatus
@@ -31,6 +31,7 @@ STARTS = 6
 TOLERANCE = 1e-3  # mm
 _STEP = 0.01  # of a mechanism's length
 _TURN, _MOST_DETOURS = 0.05, 3  # rad: largest turn of a joint in a step of a detour; how many are tried
+_OVER = 1e-3  # of the cap on wall forces: so much more is allowed in a detour
 _SOONEST = 1e-9  # s: time of a step in which nothing moves
 
 
@@ -69,7 +70,7 @@ def plan_path(
         step: largest distance between targets, further ones are put in between [mm]; default: a hundredth of the
             mechanism's length.
         prefer: which of many solutions, as of `reach`.
-        start: an equilibrium or a Reach from which the path is entered on a straight line; default: at the first target.
+        start: an equilibrium or a Reach from which a straight line leads to the path; default: at the first target.
         starts: how many plans are tried.
         lever: mm that count as much as a turn of 1 rad; default: a tenth of the mechanism's length.
         surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
@@ -81,7 +82,7 @@ def plan_path(
     Source: docs/planning.md.
     """
     check_chain(mechanism)
-    task = _Task.of(mechanism, path, times, start, base, lever, step, surroundings)
+    task = _Targets.of(mechanism, path, times, start, base, lever, step, surroundings)
     limits = tension_limits_of(tension_limits, mechanism.n_tendons)
     if not ((limits[0] >= 0.0) & (limits[0] <= limits[1]) & np.isfinite(limits[0])).all():
         raise InvalidInput("tension_limits", limits.tolist(), "0 <= lowest <= highest")
@@ -112,7 +113,7 @@ def plan_path(
 
 
 @dataclass(frozen=True)
-class _Task:
+class _Targets:
     """Steps along a path: targets, (K, ...), goals, and poses of the base, (K, 3); times, (K,), or None."""
 
     mechanism: AnyChain
@@ -134,7 +135,7 @@ class _Task:
         lever: float | None,
         step: float | None,
         surroundings: Around,
-    ) -> _Task:
+    ) -> _Targets:
         """The steps, inputs checked."""
         lever = checked_lever(lever)
         targets = as_floats("path", path, "targets, rows of one shape")
@@ -173,7 +174,7 @@ class _Task:
 class _Way:
     """An attempt: its steps, and the targets that they are to reach."""
 
-    steps: list[Step]
+    steps: list[Move]
     numbers: list[int]
     prefer: str
     solves: int
@@ -182,7 +183,9 @@ class _Way:
     @property
     def faults(self) -> tuple[int, int, float]:
         """Targets that no step reaches, snaps, and the mean miss of all steps [mm]; less is better."""
-        reached = {number for number, step in zip(self.numbers, self.steps, strict=True) if step.reaches(self.tolerance)}
+        reached = {
+            number for number, step in zip(self.numbers, self.steps, strict=True) if step.reaches(self.tolerance)
+        }
         misses = [step.pose.distance for step in self.steps if step.ok]
         missed = self.numbers[-1] + 1 - len(reached)
         return missed, sum(step.snapped for step in self.steps), float(np.mean(misses)) if misses else np.inf
@@ -193,8 +196,8 @@ def _limited(items: Iterator[Any], count: int) -> Iterator[Any]:
 
 
 def _begins(
-    task: _Task, situation: Situation, words: list[str], start: Solution | Reach | None, near: float
-) -> Iterator[tuple[str, tuple[Step, int]]]:
+    task: _Targets, situation: Situation, words: list[str], start: Solution | Reach | None, near: float
+) -> Iterator[tuple[str, tuple[Move, int]]]:
     """First steps, with the word of their preference: at the start, or at solutions for the first target."""
     goal, chain, limits = task.goal_of(0), task.mechanism, (situation.limits[0], situation.limits[1])
     target = task.targets_here[0]
@@ -203,7 +206,7 @@ def _begins(
         if start is not None:
             at = start.equilibrium if isinstance(start, Reach) else start
             pose = Pose(here, goal, at, np.zeros(chain.n_tendons))
-            yield word, (Step(replace(pose, command=pose.held), False, 0), 0)
+            yield word, (Move(replace(pose, command=pose.held), False, 0), 0)
             continue
         lever = task.goal.lever
         found = all_solutions(chain, target, situation.loads, limits, prefer=word, starts=32, lever=lever)
@@ -211,13 +214,13 @@ def _begins(
             at = one.equilibrium
             if situation.surroundings is not None:
                 at = here.solve(one.lengths, one.joint_angles, None)
-            step = Step(Pose(here, goal, at, one.lengths), False, 1)
+            step = Move(Pose(here, goal, at, one.lengths), False, 1)
             if situation.surroundings is not None:
                 step = approach(step.pose, near)
             yield word, (step, step.solves)
 
 
-def _follow(task: _Task, first: Step, word: str, rates: Array, near: float, detours: bool) -> _Way:
+def _follow(task: _Targets, first: Move, word: str, rates: Array, near: float, detours: bool) -> _Way:
     """All steps from the first one; detours: drives to another pose where a target is missed."""
     steps, numbers, at, solves = [first], [0], first.pose, 0
     for number in range(1, len(task.targets)):
@@ -230,7 +233,7 @@ def _follow(task: _Task, first: Step, word: str, rates: Array, near: float, deto
             if span == np.inf:
                 ways += _detours(task, number, word, replace(at, situation=situation), near)
             solves += sum(step.solves for way in ways for step in way)
-            arrived = [way for way in ways if way[-1].reaches(near)]
+            arrived = [way for way in ways if way[-1].reaches(near) and not any(map(_presses_too_hard, way))]
             if arrived:
                 taken = min(arrived, key=lambda way: (sum(step.snapped for step in way), len(way)))
             elif not taken[0].ok:
@@ -241,7 +244,7 @@ def _follow(task: _Task, first: Step, word: str, rates: Array, near: float, deto
     return _Way(steps, numbers, word, solves, near)
 
 
-def _detours(task: _Task, number: int, word: str, at: Pose, near: float) -> list[list[Step]]:
+def _detours(task: _Targets, number: int, word: str, at: Pose, near: float) -> list[list[Move]]:
     """Drives from a pose to the nearest solutions for a target, each in steps of _TURN at most."""
     goal, situation = task.goal_of(number), at.situation
     target = task.targets_here[number]
@@ -249,21 +252,28 @@ def _detours(task: _Task, number: int, word: str, at: Pose, near: float) -> list
     solutions = all_solutions(
         task.mechanism, target, situation.loads, limits, prefer=word, starts=32, lever=task.goal.lever
     )
-    rest = solve_tensions(task.mechanism, np.where(np.isfinite(limits[1]), 0.5 * sum(limits), 2.0 * limits[0] + 1.0), situation.loads)
+    middle = np.where(np.isfinite(limits[1]), 0.5 * (limits[0] + limits[1]), 2.0 * limits[0] + 1.0)
+    rest = solve_tensions(task.mechanism, middle, situation.loads)
     ways = []
     for one in sorted(solutions, key=lambda one: _turn(at.equilibrium, one))[:_MOST_DETOURS]:
         for stops in ([one], [rest, one]):
-            way: list[Step] = []
+            way: list[Move] = []
             for stop in stops:
                 last = way[-1].pose if way else at
                 command = replace(last, equilibrium=stop.equilibrium if isinstance(stop, Reach) else stop).held
                 way += drive(last, goal, command, int(np.ceil(_turn(last.equilibrium, stop) / _TURN)))
-            if way:
+            if way and not way[-1].reaches(near):
                 way.append(step_to(way[-1].pose, situation, goal, near))
+            if way:
                 ways.append(way)
                 if way[-1].reaches(near):
                     break
     return ways
+
+
+def _presses_too_hard(step: Move) -> bool:
+    cap = step.pose.situation.wall_force
+    return bool((step.pose.normals > cap * (1.0 + _OVER)).any())
 
 
 def _turn(here: Any, there: Any) -> float:
@@ -272,7 +282,7 @@ def _turn(here: Any, there: Any) -> float:
 
 
 def _plan(
-    task: _Task, way: _Way, limits: tuple[Array, Array], cap: float, near: float, rates: Array, solves: int
+    task: _Targets, way: _Way, limits: tuple[Array, Array], cap: float, near: float, rates: Array, solves: int
 ) -> Plan:
     """The plan of the best attempt."""
     lengths = np.array([step.pose.command for step in way.steps])

@@ -7,6 +7,7 @@ Modules:
     loops: hysteresis loops, and a mechanism on its way around one.
     parts: elements of pictures of planar chains.
     planar: pictures of planar chains.
+    plans: a mechanism on its way along a path, lengths and tensions over time.
     spatial: pictures of arms.
     walls: walls, lumens and obstacles, and the forces at them.
 """
@@ -16,6 +17,7 @@ from rollingjoint.plotting.friction import plot_friction_states, plot_tensions
 from rollingjoint.plotting.loops import plot_loops, save_animation
 from rollingjoint.plotting.parts import PALETTE
 from rollingjoint.plotting.planar import plot_family, plot_mechanism
+from rollingjoint.plotting.plans import plot_plan
 from rollingjoint.plotting.spatial import plot_arm
 from rollingjoint.plotting.walls import plot_wall_contacts
 
@@ -27,6 +29,7 @@ __all__ = [
     "plot_friction_states",
     "plot_loops",
     "plot_mechanism",
+    "plot_plan",
     "plot_tensions",
     "plot_wall_contacts",
     "save_animation",

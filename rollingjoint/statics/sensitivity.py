@@ -132,13 +132,17 @@ def _tip_jacobian(equilibrium: Solution) -> Array:
     return jacobian[..., : equilibrium.tip.shape[-1], :]
 
 
-def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
+def joint_response(
+    equilibrium: Solution, stiffness: Array, torque: Array, free: NDArray[np.bool_] | None = None
+) -> Array:
     """Change of the joint angles under joint torques, (n - 1, k) both [rad, N·mm], joints at a limit held.
+
+    free: (n - 1,) joints that are not held, in place of those that are at no limit.
 
     Raises:
         numpy.linalg.LinAlgError: the stiffness of the free joints is singular.
     """
-    free = equilibrium.free_joints
+    free = equilibrium.free_joints if free is None else free
     coupled = free[..., :, None] & free[..., None, :]
     held = np.where(coupled, stiffness, 0.0) + np.eye(free.shape[-1]) * ~free[..., None, :]
     return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)
