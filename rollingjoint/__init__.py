@@ -58,7 +58,7 @@ from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.inverse import Reach, ReachStatus, all_solutions, reach, reach_batch
+from rollingjoint.inverse import Reach, ReachStatus, Workspace, all_solutions, reach, reach_batch, workspace
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.profile import Profile, Surface
@@ -128,6 +128,7 @@ __all__ = [
     "Tendon",
     "TorsionSpring",
     "WallFriction",
+    "Workspace",
     "WorldForce",
     "all_solutions",
     "five_link",
@@ -150,4 +151,5 @@ __all__ = [
     "trace_loop",
     "two_segment",
     "uniform",
+    "workspace",
 ]

@@ -10,6 +10,7 @@ Modules:
     plans: a mechanism on its way along a path, lengths and tensions over time.
     spatial: pictures of arms.
     walls: walls, lumens and obstacles, and the forces at them.
+    workspaces: dexterity, force and stiffness where the tip can be.
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure
@@ -20,6 +21,7 @@ from rollingjoint.plotting.planar import plot_family, plot_mechanism
 from rollingjoint.plotting.plans import plot_plan
 from rollingjoint.plotting.spatial import plot_arm
 from rollingjoint.plotting.walls import plot_wall_contacts
+from rollingjoint.plotting.workspaces import plot_workspace
 
 __all__ = [
     "PALETTE",
@@ -32,6 +34,7 @@ __all__ = [
     "plot_plan",
     "plot_tensions",
     "plot_wall_contacts",
+    "plot_workspace",
     "save_animation",
     "save_figure",
 ]
