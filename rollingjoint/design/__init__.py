@@ -4,12 +4,14 @@ Needs torch, which `import rollingjoint` does not load; see docs/design.md.
 
 Modules:
     box: vectors in a box to physical numbers and back, for every design space.
+    chain_margins: validity of designs of any chain as margins.
     comparison: objectives of any mechanism; Pareto-optimal designs.
     curve: matrices from knot values to curvature, turning and points.
     faults: an independent check of validity.
     inverse: the numbers of the design of a mechanism.
     loads: objectives under lateral forces: stiffness, load capacity, peak tension.
     margins: validity as smooth margins.
+    mechanism_space: vectors to changes of one mechanism of any kind.
     numbers: the numbers of designs, shared by links.
     objectives: bending shapes, tip travel and rotation, tendon travel.
     problem: a space, objectives and limits as a problem, and its evaluation.
@@ -23,9 +25,11 @@ Modules:
 from rollingjoint.errors import naming_extras
 
 with naming_extras():
+    from rollingjoint.design.chain_margins import CHAIN_MARGINS
     from rollingjoint.design.comparison import measure, nondominated
     from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
     from rollingjoint.design.margins import MARGINS
+    from rollingjoint.design.mechanism_space import MechanismSpace
     from rollingjoint.design.objectives import BendingShapes, Measured, Objective, TendonTravel, TipRotation, TipTravel
     from rollingjoint.design.problem import Evaluation, Limit, Problem, Term
     from rollingjoint.design.space import DesignSpace
@@ -41,6 +45,7 @@ with naming_extras():
     from rollingjoint.design.spatial_space import SPATIAL_MARGINS, SpatialDesignSpace
 
 __all__ = [
+    "CHAIN_MARGINS",
     "MARGINS",
     "SPATIAL_MARGINS",
     "BendingShapes",
@@ -51,6 +56,7 @@ __all__ = [
     "Limit",
     "LoadCapacity",
     "Measured",
+    "MechanismSpace",
     "Objective",
     "PeakTension",
     "PlacementError",
