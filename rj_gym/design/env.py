@@ -20,8 +20,9 @@ class CurvatureDesignEnv(TaskEnv):
     A design is a vector of d numbers in [-1, 1], a point of a `rollingjoint.design.DesignSpace`: by default the
     curvatures at five knots of the child and of the parent surface that all joints share, d = 10. It is judged in K
     cases (3), each a pair of tendon tensions and a force on the tip. The targets are the shapes of a hidden design in
-    these cases, so that an error of 0 is possible. n links, of which n - 1 move; q = 5 margins; length L = n times the
-    middle link height (100 mm).
+    these cases, so that an error of 0 is possible. n links, of which n - 1 move; m tendons (2); q = 5 margins; length
+    L = n times the middle link height (100 mm). Designs may be of any design space, around any mechanism: in space
+    vectors have a z, too, and with other than two tendons there are m + 1 cases.
 
     ## Action space
     `Box(-1, 1, (d,), float32)`: change of the design vector in units of `action_scale` (0.25). Values beyond [-1, 1]

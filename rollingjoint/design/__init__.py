@@ -16,6 +16,7 @@ Modules:
     objectives: bending shapes, tip travel and rotation, tendon travel.
     problem: a space, objectives and limits as a problem, and its evaluation.
     ranges: the fields of a design space, checked.
+    settings: design spaces from plain settings.
     space: vectors to chains in the plane and back.
     spatial_objectives: stiffness and reach of the tip of chains in space, margins of their contact lines.
     spatial_space: vectors to chains in space.
@@ -25,6 +26,7 @@ Modules:
 from rollingjoint.errors import naming_extras
 
 with naming_extras():
+    from rollingjoint.design.box import DesignBox
     from rollingjoint.design.chain_margins import CHAIN_MARGINS
     from rollingjoint.design.comparison import measure, nondominated
     from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
@@ -32,6 +34,7 @@ with naming_extras():
     from rollingjoint.design.mechanism_space import MechanismSpace
     from rollingjoint.design.objectives import BendingShapes, Measured, Objective, TendonTravel, TipRotation, TipTravel
     from rollingjoint.design.problem import Evaluation, Limit, Problem, Term
+    from rollingjoint.design.settings import space_of_settings
     from rollingjoint.design.space import DesignSpace
     from rollingjoint.design.spatial_objectives import (
         FrictionRequired,
@@ -49,6 +52,7 @@ __all__ = [
     "MARGINS",
     "SPATIAL_MARGINS",
     "BendingShapes",
+    "DesignBox",
     "DesignSpace",
     "Evaluation",
     "FrictionRequired",
@@ -73,4 +77,5 @@ __all__ = [
     "ToothMargin",
     "measure",
     "nondominated",
+    "space_of_settings",
 ]

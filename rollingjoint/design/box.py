@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -52,6 +53,22 @@ class DesignBox(ABC):
     @abstractmethod
     def tensors(self) -> type[ChainTensors]:
         """The class of its designs."""
+
+    @cached_property
+    def plain(self) -> ChainTensors:
+        """The design of `reference()`: its numbers of links and tendons are those of all designs."""
+        with torch.no_grad():
+            return self.chain(torch.as_tensor(self.reference()))
+
+    @property
+    def dimension(self) -> int:
+        """Of the room in which its designs move, 2 or 3."""
+        return int(self.plain.holes.shape[-1])
+
+    @property
+    def length(self) -> float:
+        """Length of the mechanism of `reference()`, to scale by [mm]."""
+        return float(self.plain.mechanism().length)
 
     @property
     @abstractmethod

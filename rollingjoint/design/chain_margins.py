@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -38,8 +38,8 @@ _BETWEEN = 1.4 / 8.0  # of the second differences: what a cubic may differ betwe
 class OwnLimits(NamedTuple):
     """What a mechanism has itself, infinite where it has no such part.
 
-    Fields: least and mean relative curvature of joints [1/mm], least radius of surfaces that roll, least wall, largest distance of a hole
-    and of a corner of a contact from the axis, in space [mm].
+    Fields: least and mean relative curvature of joints [1/mm], least radius of surfaces that roll, least wall, largest
+    distance of a hole and of a corner of a contact from the axis, in space [mm].
     """
 
     curvature: float
@@ -83,7 +83,7 @@ class Sampling:
 
     @classmethod
     def of(cls, base: ChainTensors, distinct: Sequence[int], links: Sequence[int]) -> Sampling:
-        """Samples of a chain; `distinct`, `links`: rolling joints, and links in the plane, that stand for their equals."""
+        """Samples of a chain; `distinct`, `links`: rolling joints, and links in the plane, which stand for equal ones."""
         with torch.no_grad():
             geometry = base.geometry()
             low, high = (end.numpy() for end in geometry.limits)
@@ -104,7 +104,9 @@ class Sampling:
             heights = _heights(base)
         joints, others = (torch.tensor(list(places), dtype=torch.int64) for places in (distinct, links))
         height = float(heights.mean()) if heights.numel() else 1.0
-        return cls(joints, torch.as_tensor(grid), torch.as_tensor(pieces), torch.as_tensor(contacts), others, outlines, height)
+        return cls(
+            joints, torch.as_tensor(grid), torch.as_tensor(pieces), torch.as_tensor(contacts), others, outlines, height
+        )
 
     def own_limits(self, base: ChainTensors) -> OwnLimits:
         """What the mechanism has itself."""
@@ -125,10 +127,7 @@ class Sampling:
     def margins(self, chain: ChainTensors, kept: Kept) -> Tensor:
         """Margins of designs with one leading axis, (B, 6), in blocks that fit into the cache."""
         count = int(chain.batch[0])
-        blocks = [
-            self._block(chain[first : first + _BLOCK], kept)
-            for first in range(0, count, _BLOCK)
-        ]
+        blocks = [self._block(chain[first : first + _BLOCK], kept) for first in range(0, count, _BLOCK)]
         return torch.cat(blocks) if blocks else torch.empty(0, len(CHAIN_MARGINS), dtype=torch.float64)
 
     def _block(self, chain: ChainTensors, kept: Kept) -> Tensor:
@@ -148,7 +147,9 @@ class Sampling:
             outermost = torch.maximum(_hole_radius(chain) + kept.wall, self._corner(chain))
             holes = 1.0 - outermost / kept.tube_radius
         margins = [rolling, clearance, radius, torch.where(rolls, gaps, rolling), thickness, holes]
-        finite = [torch.where(margin.isinf(), 1.0, margin).nan_to_num(nan=-1.0).expand(chain.batch) for margin in margins]
+        finite = [
+            torch.where(margin.isinf(), 1.0, margin).nan_to_num(nan=-1.0).expand(chain.batch) for margin in margins
+        ]
         return torch.stack(finite, -1)
 
     @cached_property
@@ -202,7 +203,7 @@ class Sampling:
         return torch.where(apart, clear, torch.inf).flatten(1).amin(-1)
 
     def _far(self, places: _Places) -> Tensor:
-        """Squared distances of points at two arc lengths over their distance along the surfaces, less the least, (B,)."""
+        """Squared distance of points at two arc lengths over their distance along the surfaces, less the least, (B,)."""
         at, points = slice(0, _CELLS + 1, _FAR_CONTACT_STEP), slice(0, _CELLS + 1, _FAR_STEP)
         turn, shift = places.frames(at)
         below, above = places.point[..., points, :, 0], places.point[..., points, :, 1]  # (B, P, D)
@@ -252,7 +253,7 @@ class Sampling:
 
 
 class _Places(NamedTuple):
-    """Surfaces of joints, (child, parent), on a grid: points, complex [mm], tangent angles, curvatures, (B, S, D, 2)."""
+    """Surfaces of joints, (child, parent), on a grid: complex points, tangent angles, curvatures, (B, S, D, 2)."""
 
     point: Tensor
     angle: Tensor
@@ -267,8 +268,8 @@ class _Places(NamedTuple):
 
 def _some(surfaces: Surfaces, places: Tensor) -> Surfaces:
     """The surfaces (..., J, 2) of some of the joints or links."""
-    tables = (getattr(surfaces, name).index_select(axis, places) for name, axis in _JOINT_AXES)
-    return Surfaces(*tables, surfaces.nodes, surfaces.weights)
+    tables = {name: getattr(surfaces, name).index_select(axis, places) for name, axis in _JOINT_AXES}
+    return replace(surfaces, **tables)
 
 
 def _heights(chain: ChainTensors) -> Tensor:

@@ -127,7 +127,9 @@ class MechanismSpace(DesignBox):
         self._set(**self._limits())
         if not self.dimensions:
             given_ranges = {name: getattr(self, name) for name in CHANGES}
-            raise ConfigError("ranges", given_ranges, "one or more with low < high", "A design space needs a dimension.")
+            raise ConfigError(
+                "ranges", given_ranges, "one or more with low < high", "A design space needs a dimension."
+            )
         own = self._margins(self._origin[None])[0]
         worst = int(own.argmin())
         if own[worst] < 0.0:
@@ -142,7 +144,8 @@ class MechanismSpace(DesignBox):
     def _ranges(self) -> dict[str, Range]:
         """The ranges of changes, checked, with their defaults."""
         by_curvature, by_height = (
-            round(_SHARE * value, 4) if value < math.inf else 0.0 for value in (self._own.mean_curvature, self._least_height)
+            round(_SHARE * value, 4) if value < math.inf else 0.0
+            for value in (self._own.mean_curvature, self._least_height)
         )
         ranges = {name: getattr(self, name) for name in CHANGES}
         if ranges["convexity"] is None:
@@ -235,6 +238,7 @@ class MechanismSpace(DesignBox):
         limits = self._kept
         if isinstance(mechanism, RollingChain):
             return faults(mechanism, limits.smallest_radius, limits.wall, limits.least_curvature)
+        assert isinstance(mechanism, SpatialChain)
         return spatial_faults(mechanism, limits.smallest_radius, limits.wall, limits.tube_radius)
 
     def _margins(self, x: Tensor) -> Tensor:
@@ -265,7 +269,8 @@ class MechanismSpace(DesignBox):
         """(parent, child) profile of every link in the plane or joint in space, as the tables have them."""
         if isinstance(self.base, RollingChain):
             return [(link.parent.profile, link.child.profile) for link in self.base.links]
-        joints = self.base.joints
+        assert isinstance(self.base, SpatialChain)
+        joints: list[Any] = list(self.base.joints)
         return [(j.parent.profile, j.child.profile) if hasattr(j, "child") else (None, None) for j in joints]
 
     @cached_property
@@ -446,11 +451,12 @@ class MechanismSpace(DesignBox):
         rows = len(self._profiles)
         breaks = np.stack([np.pad(b, (0, pieces + 1 - len(b)), "edge") for b, _, _ in tables])
         coefficients = np.stack([_padded(c, pieces, degrees) for _, c, _ in tables])
-        moved = np.zeros((len(tables), pieces, degrees, free.shape[1]))
+        spread = np.zeros((len(tables), pieces, degrees, free.shape[1]))
         for place, (_, _, columns) in enumerate(tables):
             for knot, column in enumerate(columns or ()):
-                moved[place, ..., knot] = _padded(column, pieces, degrees)
-        return tuple(torch.as_tensor(t.reshape(rows, 2, *t.shape[1:])) for t in (breaks, coefficients, moved))  # type: ignore[return-value]
+                spread[place, ..., knot] = _padded(column, pieces, degrees)
+        breaks, coefficients, spread = (t.reshape(rows, 2, *t.shape[1:]) for t in (breaks, coefficients, spread))
+        return torch.as_tensor(breaks), torch.as_tensor(coefficients), torch.as_tensor(spread)
 
     def _change(self, blocks: dict[str, Tensor], name: str) -> Tensor | float:
         """The change of every entry of a table, (B, ...); 0 where there is none."""

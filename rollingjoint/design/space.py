@@ -106,6 +106,11 @@ class DesignSpace(DesignBox):
         return DifferentiableChain
 
     @property
+    def length(self) -> float:
+        """Length of a design with links of the middle height [mm]."""
+        return self.n_links * 0.5 * sum(self.height)
+
+    @property
     def groups(self) -> Mapping[str, NumberGroup]:
         """The numbers of a design, in the order of the vector."""
         return _parts(self)

@@ -1,4 +1,4 @@
-"""Design spaces around a mechanism: changes, margins against the independent check, gradients of every kind of chain."""
+"""Design spaces around a mechanism: changes, margins and the independent check, gradients of every kind of chain."""
 
 import pickle
 
@@ -42,7 +42,13 @@ SPACES = {
         "five_link", convexity=(-0.03, 0.08), height=(-4, 6), hole_radius=(-4, 3), knots=5, smallest_radius=8.0
     ),
     "uniform": DesignSpace.of(
-        "uniform", convexity=(-0.06, 0.15), height=(-12, 5), hole_radius=(-8, 4), symmetric=True, curve="linear", knots=7
+        "uniform",
+        convexity=(-0.06, 0.15),
+        height=(-12, 5),
+        hole_radius=(-8, 4),
+        symmetric=True,
+        curve="linear",
+        knots=7,
     ),
     "every surface": DesignSpace.of(rj.two_segment(1, 1), convexity=(-0.05, 0.1), height=(-8, 4), alike=False),
     "pitch_yaw": DesignSpace.of(
