@@ -83,7 +83,7 @@ class Sampling:
 
     @classmethod
     def of(cls, base: ChainTensors, distinct: Sequence[int], links: Sequence[int]) -> Sampling:
-        """Samples of a chain; `distinct`, `links`: rolling joints, and links in the plane, which stand for equal ones."""
+        """Samples of a chain; `distinct`, `links`: joints, and links in the plane, which stand for equal ones."""
         with torch.no_grad():
             geometry = base.geometry()
             low, high = (end.numpy() for end in geometry.limits)
@@ -203,7 +203,7 @@ class Sampling:
         return torch.where(apart, clear, torch.inf).flatten(1).amin(-1)
 
     def _far(self, places: _Places) -> Tensor:
-        """Squared distance of points at two arc lengths over their distance along the surfaces, less the least, (B,)."""
+        """Squared distance of points at two arc lengths over that along the surfaces, less the least, (B,)."""
         at, points = slice(0, _CELLS + 1, _FAR_CONTACT_STEP), slice(0, _CELLS + 1, _FAR_STEP)
         turn, shift = places.frames(at)
         below, above = places.point[..., points, :, 0], places.point[..., points, :, 1]  # (B, P, D)
