@@ -62,18 +62,22 @@ class DesignCanvas(Canvas):
             self.begin(scene.mechanism.links[0])
         else:
             self.begin()
-        targets, forces = (part if plane else part @ _VIEW for part in (scene.targets, scene.forces))
+        targets, forces = self.seen(scene.targets), self.seen(scene.forces)
         for places in targets:
             self._target(places)
         for case in np.flatnonzero(scene.ok):
             if isinstance(scene.mechanism, RollingChain):
                 self._links(scene.mechanism, scene.poses[case], _color(case))
-            self._axis(scene.poses[case, :, :2] if plane else scene.poses[case, :, :3, 3] @ _VIEW, _color(case))
+            self._axis(self.seen(scene.poses[case, :, :2] if plane else scene.poses[case, :, :3, 3]), _color(case))
         for places, force in zip(targets, forces, strict=True):
             self._places(places)
             self._force(places[-1], force)
         self._caption(scene)
         return self.finished()
+
+    def seen(self, points: Array) -> Array:
+        """Points or vectors (..., 2 or 3) in the plane of the picture, (..., 2)."""
+        return points if points.shape[-1] == 2 else points @ _VIEW
 
     def _target(self, places: Array) -> None:
         """The line through the wanted origins, from the base on."""

@@ -44,11 +44,16 @@ def blank_draws(config: DesignConfig, count: int) -> DesignDraws:
 
 def tip_forces(config: DesignConfig, rngs: Rngs) -> Array:
     """Forces of all cases, uniform in direction and magnitude, (len(rngs), K, 2 or 3) [N]."""
-    low, high = config.force
-    uniform = np.array([rng.random((config.cases, config.space.dimension)) for rng in rngs])
+    return directed_forces(config.force, config.cases, config.space.dimension, rngs)
+
+
+def directed_forces(sizes: tuple[float, float], count: int, dimension: int, rngs: Rngs) -> Array:
+    """Forces uniform in direction and in magnitude between two sizes, (len(rngs), count, 2 or 3) [N]."""
+    low, high = sizes
+    uniform = np.array([rng.random((count, dimension)) for rng in rngs])
     size, angle = low + (high - low) * uniform[..., 0], 2.0 * np.pi * uniform[..., 1]
     direction = np.stack([np.cos(angle), np.sin(angle)], -1)
-    if config.space.dimension == 3:
+    if dimension == 3:
         up = 2.0 * uniform[..., 2:] - 1.0
         direction = np.concatenate([np.sqrt(1.0 - up**2) * direction, up], -1)
     return size[..., None] * direction

@@ -79,7 +79,7 @@ class DesignTask(Task):
         positions = config.cases, self.moving, config.space.dimension
         shapes |= {"design": (self.action_size,), "positions": positions, "cases": (config.cases,)}
         self.columns = blocks_of(shapes)
-        _check(config.space)
+        check_space(config.space)
 
     def part(self, readings: Array, name: str) -> Array:
         """A part of the readings (B, columns), (B, ...), not copied."""
@@ -138,7 +138,7 @@ class DesignTask(Task):
     def margins(self, designs: Array) -> Array:
         """Validity margins of designs (..., d), (..., q), rounded to 1e-6."""
         with torch.no_grad():
-            return _rounded(self.space.margins(torch.as_tensor(designs)))
+            return rounded(self.space.margins(torch.as_tensor(designs)))
 
     def shapes(self, designs: Array, tensions: Array, forces: Array) -> tuple[Array, NDArray[np.int64]]:
         """Origins of the moving links (B, K, n - 1, 2 or 3) [mm], rounded to 1e-6, and statuses (B, K).
@@ -154,7 +154,7 @@ class DesignTask(Task):
         for first in range(0, count, step):
             rows = slice(first, first + step)
             equilibria = _solved(self.space.chain(torch.as_tensor(designs[rows])), tensions[rows], forces[rows])
-            positions[rows], status[rows] = _rounded(origins(equilibria)[..., 1:, :]), equilibria.status.numpy()
+            positions[rows], status[rows] = rounded(origins(equilibria)[..., 1:, :]), equilibria.status.numpy()
         return positions, status
 
     def drawn(self, design: Array, tensions: Array, forces: Array) -> tuple[AnyChain, Array]:
@@ -205,7 +205,7 @@ class DesignTask(Task):
 
 
 @lru_cache
-def _check(space: DesignBox) -> None:
+def check_space(space: DesignBox) -> None:
     """Raises InvalidInput for a space in which hardly any design is valid."""
     space.sample(1, np.random.default_rng(0))
 
@@ -234,6 +234,6 @@ def _solved(chain: Any, tensions: Array, forces: Array) -> Equilibria:
         return solve_tensions(chains, torch.as_tensor(tensions), tip_loads(torch.as_tensor(forces), chains))
 
 
-def _rounded(values: torch.Tensor) -> Array:
+def rounded(values: torch.Tensor) -> Array:
     """Numbers without the last digits, which depend on the batch."""
     return np.round(values.numpy(), _DECIMALS) + 0.0
