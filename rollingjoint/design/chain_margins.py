@@ -30,9 +30,9 @@ _CELLS = 32  # over the range of a joint
 _CONTACT_STEP, _FAR_CONTACT_STEP, _FAR_STEP = 4, 8, 2  # cells
 _NEAREST = 1.5 / _CELLS  # of the range: nearer points are not compared
 _JOINT_AXES = ("limits", -3), ("borders", -3), ("pieces", -4)  # of the tables of surfaces
-_IN_PIECE = 9  # samples of a piece of the curvature
+_IN_PIECE = 33  # samples of a piece of the curvature
 _BESIDE = 1e-9  # of a piece: how far before its end it is sampled
-_BETWEEN = 1.4 / 8.0  # of the second differences: what a cubic may differ between its samples
+_BETWEEN = 1.1 / 8.0  # of the second differences: what a cubic may differ between its samples
 
 
 class OwnLimits(NamedTuple):
@@ -66,7 +66,7 @@ class Sampling:
     Attributes:
         joints: rolling joints that differ, (D,).
         grid: arc lengths of their contacts at equal distances, (S, D) [mm].
-        pieces: arc lengths within the pieces that both their surfaces share, (P, 9, D) [mm].
+        pieces: arc lengths within the pieces that both their surfaces share, (P, 33, D) [mm].
         contacts: of all joints, for gaps, (C, J) [mm].
         links: in the plane, links that differ, (L,).
         outlines: arc lengths of their surfaces, (G, L, 2) [mm].
@@ -168,7 +168,7 @@ class Sampling:
         """Bounds of the least relative curvature, and of the largest curvature of a surface, (B,) each [1/mm]."""
         at = self.pieces.flatten(0, 1)
         u = self._surfaces(chain).at(at[..., None].expand(*at.shape, 2)).curvature()
-        u = u.expand(*chain.batch, *at.shape, 2).unflatten(1, self.pieces.shape[:2])  # (B, P, 9, D, 2)
+        u = u.expand(*chain.batch, *at.shape, 2).unflatten(1, self.pieces.shape[:2])  # (B, P, 33, D, 2)
         relative, sharpest = u[..., 1] - u[..., 0], u.abs()
         least = relative - _BETWEEN * relative.diff(n=2, dim=2).abs().amax(2, keepdim=True)
         most = sharpest + _BETWEEN * u.diff(n=2, dim=2).abs().amax(2, keepdim=True)
@@ -220,13 +220,18 @@ class Sampling:
     def _thickness(self, chain: ChainTensors, smallest_radius: float) -> Tensor:
         """Least material between both ends of a link, (B,) [mm]: surfaces in the plane; apexes and holes in space."""
         if isinstance(chain, DifferentiableChain):
-            surfaces = _some(chain.surfaces(), self.links)
-            points = surfaces.several().at(self.outlines).point().expand(*chain.batch, *self.outlines.shape)
+            place = _some(chain.surfaces(), self.links).several().at(self.outlines)
+            points, angles = (
+                part.expand(*chain.batch, *self.outlines.shape) for part in (place.point(), place.tangent_angle())
+            )
             step = (self.outlines[1] - self.outlines[0]).amax(-1)  # (L,)
             missed = step.square() / 8.0 * 3.0 / smallest_radius
-            offset = points[..., :, None, :, 0] - points[..., None, :, :, 1]
-            distance = offset.abs() - missed
-            return distance.flatten(1).amin(-1)
+            offset = points[..., :, None, :, 1] - points[..., None, :, :, 0]  # from the parent's points to the child's
+            distance, nearest = offset.abs().min(-2)  # (B, G, L)
+            at, tangent = offset.gather(-2, nearest[..., None, :])[..., 0, :], angles[..., 0].gather(-2, nearest)
+            below = at.imag * tangent.cos() < at.real * tangent.sin()  # surfaces that cross
+            inside = (nearest > 0) & (nearest < len(self.outlines) - 1)
+            return (torch.where(below & inside, -distance, distance) - missed).flatten(1).amin(-1)
         links = torch.arange(chain.n_links)
         through = chain.holes[..., 1, 2] - chain.holes[..., 0, 2]  # (B, m, n)
         inner = (links > 0) & (links < chain.crossed[:, None])

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from rollingjoint.chain.chain import AnyChain
@@ -47,6 +47,7 @@ _SHARE = 0.25  # of the least curvature or height: the changes by default
 _WALL = {2: 2.0, 3: 0.5}  # mm, and at most half of what the mechanism has
 _RADIUS = {2: 5.0, 3: 1.0}
 _NONE = (0.0, 0.0)
+_SMALLEST = 1e-6  # mm, of a limit
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class MechanismSpace(DesignBox):
         worst = int(own.argmin())
         if own[worst] < 0.0:
             what = f"margin {self.margin_names[worst]!r} of the mechanism itself"
-            hint = "Set smallest_radius, wall or tube_radius to what it has."
+            hint = "Choose smaller limits, or a larger tube_radius."
             raise ConfigError(what, float(own[worst]), "0 or more", hint)
 
     def _set(self, **values: Any) -> None:
@@ -163,9 +164,15 @@ class MechanismSpace(DesignBox):
         """Radius, wall and tube, checked, with their defaults."""
         dimension = self.base.dimension
         own = self._own
+        if own.curvature <= 0.0:
+            allowed = "above 0 everywhere, also between samples"
+            hint = "Make the child surface more convex there, or narrow the limits."
+            raise ConfigError(
+                "least relative curvature of a joint of the mechanism [1/mm]", own.curvature, allowed, hint
+            )
         defaults = {
             "smallest_radius": min(_RADIUS[dimension], 0.5 * own.radius),
-            "wall": min(_WALL[dimension], 0.5 * own.wall),
+            "wall": max(min(_WALL[dimension], 0.5 * own.wall), _SMALLEST),
             "least_curvature": min(LEAST_CURVATURE, 0.5 * own.curvature),
         }
         limits = {}
@@ -218,6 +225,20 @@ class MechanismSpace(DesignBox):
         tables = self._tables(x.reshape(-1, self.dimensions))
         return self._chain({name: table.reshape(*x.shape[:-1], *table.shape[1:]) for name, table in tables.items()})
 
+    def mechanism(self, x: ArrayLike) -> Any:
+        """The design (d,) as a mechanism, its links with the weights of the mechanism's.
+
+        Raises:
+            MechanismError: the design is not valid.
+            InvalidInput: a vector outside the box.
+        """
+        design = super().mechanism(x)
+        if not isinstance(self.base, RollingChain) or not any(link.weight for link in self.base.links):
+            return design
+        pairs = zip(design.links, self.base.links, strict=True)
+        weighed = [dataclasses.replace(link, weight=own.weight, centre=own.centre) for link, own in pairs]
+        return dataclasses.replace(design, links=weighed)
+
     def reference(self) -> Array:
         """The vector of the mechanism, (d,): no changes, or the smallest that are in range."""
         return self.unit(np.clip(0.0, self.low, self.high))
@@ -258,7 +279,8 @@ class MechanismSpace(DesignBox):
         kind: type[ChainTensors] = DifferentiableChain if plane else DifferentiableSpatialChain
         base = kind.from_mechanism(self.base)
         breaks, coefficients, _ = self._refined
-        return dataclasses.replace(base, breaks=breaks, coefficients=coefficients)  # type: ignore[type-var]  # a dataclass
+        links = {"links": tuple(self.base.links)} if isinstance(self.base, SpatialChain) else {}
+        return dataclasses.replace(base, breaks=breaks, coefficients=coefficients, **links)  # type: ignore[type-var]  # a dataclass
 
     @cached_property
     def _origin(self) -> Tensor:

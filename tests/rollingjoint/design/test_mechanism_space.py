@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
+from rollingjoint.chain.random_chain import random_chain
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
 
 torch = pytest.importorskip("torch")
@@ -102,6 +103,40 @@ def test_designs_with_margins_can_be_made(name):
         chain = space.mechanism(vector)
         assert chain.n_tendons == space.base.n_tendons and chain.n_links == space.n_links
         assert rj.solve_tensions(chain, np.full(chain.n_tendons, 3.0)).ok
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_chains_have_designs_around_them(seed):
+    rng = np.random.default_rng(seed)
+    mechanism = random_chain(rng, 6)
+    space = DesignSpace.of(mechanism, height=(-1.0, 1.0), alike=bool(seed % 2))
+    own = space.chain(torch.as_tensor(space.reference())).mechanism()
+    assert own.neutral_lengths == pytest.approx(mechanism.neutral_lengths, abs=1e-10)
+    x = space.sample(40, rng, valid=False)
+    good = x[(space.margins(torch.as_tensor(x)).numpy() >= 0.0).all(-1)]
+    assert [built(space, vector) for vector in good[:4]] == [[]] * len(good[:4])
+
+
+def test_a_link_with_surfaces_that_cross_is_too_thin():
+    space = DesignSpace.of("uniform", height=(-19.0, 0.0), convexity=(0.0, 0.0))
+    margins = space.margins(torch.as_tensor(space.vector(height=-19.0))).numpy()
+    assert margins[CHAIN_MARGINS.index("thickness")] < 0.0
+    with pytest.raises(MechanismError, match="thickness"):
+        space.mechanism(space.vector(height=-19.0))
+
+
+def test_springs_friction_and_weights_stay_the_mechanisms():
+    friction, spring = rj.CapstanFriction(0.1), rj.TorsionSpring(1, 3.0)
+    plain = rj.five_link()
+    links = [rj.Link(link.parent, link.child, 0.3, (1.0, 2.0)) for link in plain.links]
+    chain = rj.RollingChain(links, plain.tendons, "rubbing", [spring], friction)
+    space = DesignSpace.of(chain)
+    design = space.mechanism(space.reference())
+    assert list(design.springs) == [spring] and design.has_friction
+    assert [(link.weight, link.centre) for link in design.links] == [(0.3, (1.0, 2.0))] * 5
+    assert design.friction_coefficients == pytest.approx(chain.friction_coefficients)
+    heavy = rj.pitch_yaw(3, weight=0.2)
+    assert DesignSpace.of(heavy).mechanism(DesignSpace.of(heavy).reference()).weights == pytest.approx(heavy.weights)
 
 
 @pytest.mark.parametrize("name", ["five_link, wide", "uniform", "every surface", "pitch_yaw"])
