@@ -19,6 +19,7 @@ from rollingjoint import solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.surroundings import Disc, HalfPlane, Lumen, Sleeve, Surroundings
+from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -110,13 +111,14 @@ def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
-        goals = np.array([_pulls(task, rngs[lane]) for lane in active])
+        tried = [lane for lane in active for _ in range(GOALS)]
+        goals = np.array([_pulls(task, rngs[lane]) for lane in tried])
         straight, good = _free_way(task, [goals])
         ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
-        back, _ = _free_way(task, [ends], np.tile(vias, (len(active), 1)))
-        back = back.reshape(len(back), len(active), VIAS, *back.shape[2:])
+        back, _ = _free_way(task, [ends], np.tile(vias, (len(tried), 1)))
+        back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
         found: list[tuple[int, Scene]] = []
-        for row, lane in enumerate(active):
+        for row, lane in enumerate(tried):
             far = np.hypot(*(straight[-1, row, -1, :2] - straight[0, row, -1, :2])) >= config.reach_mm
             legs = np.abs(vias - task.rest).max(1) + np.abs(goals[row] - vias).max(1)
             short = np.flatnonzero(legs <= MOST_STEPS * config.action_scale_mm)
@@ -128,7 +130,7 @@ def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any
                 via = vias[short[drawn[1]]]
                 found.append((lane, _scene_of_discs(config, drawn[0], straight[-1, row, -1, :2], goals[row], via)))
         for (lane, scene), reached in zip(found, _reached(task, [scene for _, scene in found]), strict=True):
-            if reached:
+            if reached and scenes[lane] is None:
                 scenes[lane] = scene
     raise InvalidInput("obstacles", fixed or "none drawn", "targets behind discs", "Take fewer or smaller ones.")
 
@@ -172,8 +174,8 @@ def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any])
 
 
 _WAY = 12  # steps of a change of the commands without walls
-VIAS, MOST_STEPS = 48, 48
-"""Commands by way of which targets behind discs are looked for, and steps of the way through one of them."""
+GOALS, VIAS, MOST_STEPS = 4, 32, 45
+"""Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
 
 
 def _pulls(task: Drawn, rng: Rng) -> Array:
@@ -278,14 +280,24 @@ def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
 def _driven(task: Drawn, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
     """The equilibria at the end of a way through commands, in steps of an episode, and the largest forces, (B,) [N]."""
     solution, feed = task.at_rest(walls, ends[0]), np.zeros(len(ends[0]))
-    peak = solution.walls.normals.max(axis=1, initial=0.0)
-    for begin, end in itertools.pairwise(ends):
-        steps = np.ceil(np.abs(end - begin).max(axis=1) / task.config.action_scale_mm)
-        for step in range(1, int(steps.max()) + 1):
-            share = np.minimum(step / np.maximum(steps, 1.0), 1.0)[:, None]
-            solution = task.solve(walls, begin + share * (end - begin), feed, solution)
-            peak = np.maximum(peak, solution.walls.normals.max(axis=1, initial=0.0))
+    peak, largest = solution.walls.normals.max(axis=1, initial=0.0), task.config.action_scale_mm
+    for wanted in steps_through(ends, largest):
+        commands = unstretched_length(solution.lengths, solution.tensions, task.mechanism.stiffnesses)
+        commands = commands + np.clip(wanted - commands, -largest, largest)
+        solution = task.solve(walls, commands, feed, solution)
+        peak = np.maximum(peak, solution.walls.normals.max(axis=1, initial=0.0))
     return solution, peak
+
+
+def steps_through(ends: Sequence[Array], largest: float) -> list[Array]:
+    """Commands (B, m) on the way through `ends`, (B, m) each, that change by `largest` at most in a step."""
+    every = []
+    for begin, end in itertools.pairwise(ends):
+        count = np.maximum(np.ceil(np.abs(end - begin).max(axis=1) / largest - 1e-9), 1.0)
+        every.append(
+            [begin + np.minimum(k / count, 1.0)[:, None] * (end - begin) for k in range(1, int(count.max()) + 1)]
+        )
+    return [commands for leg in every for commands in leg]
 
 
 def _straight(task: Drawn, walls: Any, goals: Array) -> Any:

@@ -17,7 +17,7 @@ from rj_gym.rendering import Screen
 from rj_gym.surroundings.observation import observation_values
 from rj_gym.surroundings.render import WallsCanvas, WallsScene
 from rj_gym.surroundings.scenes import INDICES, Scenes
-from rj_gym.surroundings.task import SurroundingsTask
+from rj_gym.surroundings.task import Response, SurroundingsTask
 from rollingjoint.chain.solution import Solution, stacked
 from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
@@ -92,6 +92,11 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         read = partial(self.task.part, self.readings)
         values = observation_values(self.task.config, self.task.mechanism, read, self.scenes)
         return np.clip(values, *self._bounds).astype(np.float32)
+
+    def tangent(self) -> Response:
+        """The Response of all lanes."""
+        feed = self.task.part(self.readings, "feed")
+        return self.task.response(self.solution, feed, self.scenes)
 
     def get_state(self) -> dict[str, Any]:
         """Everything that later steps depend on, copied."""

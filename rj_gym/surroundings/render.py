@@ -80,9 +80,10 @@ class WallsCanvas(Canvas):
 
     def __init__(self, length: float, feed: float) -> None:
         super().__init__(length)
-        tall = length + feed + 25.0
-        self._scale = min(self._scale, 0.8 * SUPERSAMPLING * SIZE[1] / tall)
-        self._origin = np.array([0.5 * SIZE[0], 0.9 * SIZE[1]]) * SUPERSAMPLING
+        bottom = 0.4 * feed if feed else -15.0  # mm
+        tall = length + feed + 12.0 - bottom
+        self._scale = min(self._scale, SUPERSAMPLING * SIZE[1] / tall)
+        self._origin = np.array([0.5 * SIZE[0] * SUPERSAMPLING, SIZE[1] * SUPERSAMPLING + self._scale * bottom])
 
     def draw(self, scene: WallsScene) -> pygame.Surface:
         """The scene at the picture's size."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,54 @@ from rj_gym.surroundings.config import HiddenWallConfig, LumenConfig, ObstaclesC
 from rj_gym.surroundings.drawing import lumen_scene, scenes_among_discs, scenes_at_a_wall
 from rj_gym.surroundings.observation import noisy_entries, surroundings_observation_entries
 from rj_gym.surroundings.options import MOST_PIECES, lumen_options, obstacles_options, wall_options
-from rj_gym.surroundings.scenes import Scene, Scenes, along, padded
+from rj_gym.surroundings.scenes import SPACING, Scene, Scenes, along, padded, places
 from rollingjoint import Disc, HalfPlane, Lumen, Sleeve, Surroundings, solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.statics.sensitivity import dposes_dbase, dposes_dlengths
+from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
+
+
+class Response(NamedTuple):
+    """The state of B lanes among walls and how it answers actions, of a action entries; fresh arrays.
+
+    Poses and the target are in the frame of the base at the start [mm, rad]. With friction, rates hold for steps in
+    which contacts that stick go on sticking, and the others sliding. A tendon at a limit has rates of 0.
+    """
+
+    poses: Array  # (B, n, 3)
+    scenes: Scenes  # with the targets, (B, 2), and the walls
+    commands: Array  # (B, m) mm
+    feed: Array  # (B,) mm
+    pose_rates: Array  # d poses / d action, (B, n, 3, a)
+    free_tip_rates: Array  # d tip / d action without the walls at this pose and these tensions, (B, 2, a)
+
+    @property
+    def tip(self) -> Array:
+        """Where the tip is, (B, 2) [mm]."""
+        return self.poses[:, -1, :2]
+
+    @property
+    def target(self) -> Array:
+        """Where the tip should be, (B, 2) [mm]."""
+        return self.scenes.target
+
+    @property
+    def tip_rates(self) -> Array:
+        """d tip / d action, (B, 2, a)."""
+        return self.pose_rates[:, -1, :2]
+
+    def with_nose(self, nose: Array) -> tuple[Array, Array]:
+        """Origins of the links, and a body point of the last one, (B, n + 1, 2), and their rates, (B, n + 1, 2, a)."""
+        cos, sin = np.cos(self.poses[:, -1, 2]), np.sin(self.poses[:, -1, 2])
+        arm = np.stack([cos * nose[0] - sin * nose[1], sin * nose[0] + cos * nose[1]], -1)
+        turning = np.stack([-arm[:, 1], arm[:, 0]], -1)[..., None] * self.pose_rates[:, -1, 2, None]
+        points = np.concatenate([self.poses[..., :2], (self.tip + arm)[:, None]], axis=1)
+        return points, np.concatenate([self.pose_rates[:, :, :2], (self.tip_rates + turning)[:, None]], axis=1)
+
 
 TERMS = ("tracking", "progress", "force", "smoothness", "failure")
 
@@ -119,6 +161,33 @@ class SurroundingsTask(Task):
         feed = np.zeros(len(commands))
         return self.solve(walls, commands, feed, self.solve(walls, commands, feed, None))
 
+    def free(self, commands: Array, before: Solution | None) -> Any:
+        """The equilibria under commands, (B, m) [mm], without walls, in the frame of the base."""
+        return solve_lengths_batch(self.mechanism, commands, (), before, self.config.tension_range)
+
+    def response(self, solution: Any, feed: Array, scenes: Scenes) -> Response:
+        """How equilibria at these feeds, (B,) [mm], answer actions.
+
+        Raises:
+            SolverError: one that is not a stable equilibrium.
+        """
+        free = solution if solution.walls is None else replace(solution, walls=None)
+        poses = solution.poses.copy()
+        poses[..., 1] += feed[:, None]
+        commands = unstretched_length(solution.lengths, solution.tensions, self.mechanism.stiffnesses)
+        free_rates = self._pose_rates(free)
+        rates = free_rates if free is solution else self._pose_rates(solution)
+        return Response(poses, scenes, commands, feed.copy(), rates, free_rates[:, -1, :2])
+
+    def _pose_rates(self, solution: Any) -> Array:
+        """d poses in the frame of the base at the start / d action, (B, n, 3, a)."""
+        rates = -self.config.action_scale_mm * dposes_dlengths(solution)
+        if self.config.FEEDS:
+            on = np.zeros(solution.poses.shape) if solution.walls is None else dposes_dbase(solution)[..., 1].copy()
+            on[..., 1] += 1.0
+            rates = np.concatenate([rates, self.config.feed_scale_mm * on[..., None]], axis=-1)
+        return rates
+
     def sample(self, rngs: Random, fixed: Any = None) -> tuple[Scenes, dict[str, Any]]:
         """Scenes, one per generator, and what of them is in info["sampled"]."""
         generators: list[Any] = [rngs[lane] for lane in range(len(rngs))]
@@ -172,6 +241,24 @@ class LumenTask(SurroundingsTask):
         """Along the centre line, and across it, (B,) [mm]."""
         arc, distance = along(scenes.line, tips)
         return np.hypot(scenes.goal - arc, distance)
+
+    def on_the_line(self, points: Array, scenes: Scenes) -> tuple[Array, Array, Array]:
+        """Points (B, k, 2) beside the centre line.
+
+        Returns offsets to its left, (B, k) [mm], its unit tangents there, (B, k, 2), and how far it is along the line
+        from there to the target, (B, k) [mm].
+        """
+        count = points.shape[1]
+        lines = np.repeat(scenes.line, count, axis=0)
+        flat = points.reshape(-1, 2)
+        arcs, _ = along(lines, flat)
+        ends = places(lines, arcs[:, None] + (-0.5 * SPACING, 0.5 * SPACING))
+        tangents = ends[:, 1] - ends[:, 0]
+        tangents /= np.hypot(*tangents.T)[:, None]
+        arm = flat - places(lines, arcs[:, None])[:, 0]
+        offsets = tangents[:, 0] * arm[:, 1] - tangents[:, 1] * arm[:, 0]
+        remaining = scenes.goal[:, None] - arcs.reshape(-1, count)
+        return offsets.reshape(-1, count), tangents.reshape(-1, count, 2), remaining
 
     def _rubs(self, walls: Any) -> bool:
         return self.config.family_mu(self.config.families[0]) > 0.0
