@@ -71,7 +71,8 @@ def observation_values(
     poses[..., 1] -= feed[:, None]
     if scenes.noise.size:
         lanes, n, noise = np.arange(len(feed)), chain.n_links, config.noise
-        errors = scenes.noise[lanes, read("step").astype(np.int64)]
+        steps = np.minimum(read("step"), scenes.noise.shape[1] - 1)  # lanes that have ended take one more
+        errors = scenes.noise[lanes, steps.astype(np.int64)]
         scale = noise.position_mm, noise.position_mm, noise.angle
         poses = poses + scale * errors[:, : 3 * n].reshape(-1, n, 3)
         tensions = tensions + noise.tension * errors[:, 3 * n : -1]
