@@ -5,7 +5,7 @@
 
 Episodes with the seeds 9,100,000 and up, which no training uses, all side by side. A controller that is told what no
 instrument sees is marked with a star. --film FILE.gif writes an animation of the first episode of the last controller,
---picture FILE.png its middle.
+--picture FILE.png its last step; --seed N: of another episode.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ import gymnasium
 import numpy as np
 
 import rj_gym
-from agents.controllers.among_walls import Feedback, FollowTheLeader, FreeSpacePlan, Still, WallController
+from agents.controllers.among_walls import (
+    Feedback,
+    FollowTheLeader,
+    FreeSpacePlan,
+    SearchedWay,
+    Still,
+    WallController,
+)
 
 FIRST_SEED = 9_100_000
 
@@ -30,7 +37,9 @@ CONTROLLERS: dict[str, Callable[[], WallController]] = {
     "feedback, free space": lambda: Feedback(aware=False),
     "feedback, contact*": lambda: Feedback(aware=True),
     "follow the leader*": FollowTheLeader,
+    "searched way*": SearchedWay,
 }
+OF_LUMENS, OF_OTHERS = "follow the leader*", "searched way*"
 
 
 class Policy(WallController):
@@ -54,7 +63,7 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     """The row of a controller in the table."""
     envs = gymnasium.make_vec(env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings)
     observations, infos = envs.reset(seed=FIRST_SEED)
-    controller.begin(envs)
+    controller.begin(envs.unwrapped, infos)
     returns, early, begun = np.zeros(episodes), np.zeros(episodes, bool), time.process_time()
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
@@ -84,8 +93,8 @@ def film(env_id: str, controller: WallController, settings: dict[str, Any], seed
     envs = gymnasium.make_vec(
         env_id, 1, "vector_entry_point", render_mode="rgb_array", autoreset_mode="Disabled", **settings
     )
-    observations, _ = envs.reset(seed=seed)
-    controller.begin(envs)
+    observations, infos = envs.reset(seed=seed)
+    controller.begin(envs.unwrapped, infos)
     frames = [envs.render()[0]]
     for _ in range(envs.unwrapped.config.episode_steps):
         play = getattr(controller, "play", None)
@@ -106,9 +115,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="these controllers alone")
     parser.add_argument("--film", type=Path, help="write an animation of the first episode of the last controller")
     parser.add_argument("--picture", type=Path, help="write a picture of its last step")
+    parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
     env_id = f"rj_gym/{given.task}-v0"
-    every = {name: make for name, make in CONTROLLERS.items() if given.task == "Lumen" or "leader" not in name}
+    unfit = OF_OTHERS if given.task == "Lumen" else OF_LUMENS
+    every = {name: make for name, make in CONTROLLERS.items() if name != unfit}
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
     policies = {f"policy {Path(name).name}": (lambda name=name: Policy(name)) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:
@@ -121,7 +132,7 @@ def main() -> None:
         for name, make in (every | policies).items():
             print(row(env_id, name, make(), given.episodes, settings), flush=True)
     if given.film or given.picture:
-        frames = film(env_id, list((every | policies).values())[-1](), settings, FIRST_SEED)
+        frames = film(env_id, list((every | policies).values())[-1](), settings, given.seed)
         _save(frames, given.film, given.picture)
 
 

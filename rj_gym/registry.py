@@ -56,6 +56,11 @@ class Registration:
         return self.family in ("planar", "arm")
 
     @property
+    def has_policies(self) -> bool:
+        """Whether policies for it can be shipped: for tasks of a mechanism that is driven by its tendons."""
+        return self.family != "design"
+
+    @property
     def folder(self) -> str:
         """The package that its classes are in."""
         return "rj_gym.tracking" if self.tracks else f"rj_gym.{self.family}"

@@ -7,11 +7,13 @@ a policy does not see stands in its docstring.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.surroundings.drawing import steps_through
 from rj_gym.surroundings.task import Response
 
 Array = NDArray[np.float64]
@@ -23,8 +25,8 @@ _REACH_MM = 3.0  # of the error that a step of feedback tries to remove
 class WallController(ABC):
     """Gives actions for all lanes of a native vector environment of the tasks among walls."""
 
-    def begin(self, envs: Any) -> None:  # noqa: B027 (most of them plan nothing)
-        """Begin the episodes that `envs` has just begun."""
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:  # noqa: B027 (most of them plan nothing)
+        """Begin the episodes that `envs` has just begun, with the infos of that reset."""
 
     @abstractmethod
     def act(self, envs: Any) -> Array:
@@ -45,7 +47,7 @@ class FreeSpacePlan(WallController):
     It knows the mechanism and the target, and neither walls nor what happens.
     """
 
-    def begin(self, envs: Any) -> None:
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
         """Find the commands by Jacobian steps of a twin without walls."""
         task, config = envs.task, envs.config
         response: Response = envs.tangent()
@@ -72,6 +74,24 @@ class FreeSpacePlan(WallController):
         if config.FEEDS:
             actions = np.column_stack([actions, share * (to_feed - from_feed) / (steps * config.feed_scale_mm)])
         return np.clip(actions, -1.0, 1.0)
+
+
+class SearchedWay(WallController):
+    """The commands with which the target was found when the episode was drawn (privileged): the floor.
+
+    Of tasks whose info["sampled"] has them: Obstacles and HiddenWall.
+    """
+
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
+        """Take the commands over."""
+        sampled, rest = infos["sampled"], np.repeat(envs.task.rest[None], envs.num_envs, axis=0)
+        ends = [rest, *(sampled[name] for name in ("via", "goal") if name in sampled)]
+        self._steps = steps_through(ends, envs.config.action_scale_mm)
+
+    def act(self, envs: Any) -> Array:
+        """To the next commands."""
+        wanted = self._steps.pop(0) if len(self._steps) > 1 else self._steps[0]
+        return np.clip((envs.tangent().commands - wanted) / envs.config.action_scale_mm, -1.0, 1.0)
 
 
 class Feedback(WallController):
@@ -126,7 +146,7 @@ def damped(rates: Array, wanted: Array) -> Array:
     """Actions (B, a) of least squares for d rows / d action (B, r, a) and wanted changes of the rows (B, r)."""
     transposed = np.swapaxes(rates, 1, 2)
     square = transposed @ rates + _DAMPING * np.eye(rates.shape[2])
-    return np.linalg.solve(square, transposed @ wanted[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(square, transposed @ wanted[..., None])[..., 0], float)
 
 
 def within(actions: Array) -> Array:

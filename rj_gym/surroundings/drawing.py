@@ -29,7 +29,7 @@ NOSE = 10.0  # mm: from the tip at rest to the first bend
 AHEAD = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0)  # mm: places of the centre line that can be seen ahead of the tip
 _LINE_BEFORE = 30.0  # mm of the line before the first bend; the tip starts NOSE before it
 _LAST_PIECE = 80.0
-_MOST_DRAWS = 1000
+_MOST_DRAWS = 200
 
 NO_LINE = np.zeros((0, 2))
 
@@ -97,12 +97,12 @@ class Drawn(Protocol):
 
 
 def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
-    """Targets behind discs, found by a search: one way of the commands reaches them, a straight change does not.
+    """Targets behind discs, found by a search: a disc is between tip and target, and one way of the commands goes around.
 
-    The other way goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
+    That way goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
     """
     config: ObstaclesConfig = task.config
-    if "discs" in fixed and "target" in fixed:
+    if fixed:
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
     scenes: list[Scene | None] = [None] * len(rngs)
     vias = np.array([_pulls(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
@@ -125,14 +125,14 @@ def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any
             if not (good[row] and far and short.size):
                 continue
             around = np.concatenate([out[:, short], back[:, row, short]])
-            drawn = _discs_on_the_way(task, rngs[lane], straight[:, row], around, fixed.get("discs"))
+            drawn = _discs_on_the_way(task, rngs[lane], straight[[0, -1], row], around)
             if drawn is not None:
                 via = vias[short[drawn[1]]]
                 found.append((lane, _scene_of_discs(config, drawn[0], straight[-1, row, -1, :2], goals[row], via)))
         for (lane, scene), reached in zip(found, _reached(task, [scene for _, scene in found]), strict=True):
             if reached and scenes[lane] is None:
                 scenes[lane] = scene
-    raise InvalidInput("obstacles", fixed or "none drawn", "targets behind discs", "Take fewer or smaller ones.")
+    raise InvalidInput("obstacles", "none drawn", "targets behind discs", "Take fewer or smaller discs.")
 
 
 def _scene_of_discs(config: ObstaclesConfig, discs: Sequence[Disc], target: Array, goal: Array, via: Array) -> Scene:
@@ -146,6 +146,8 @@ def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any])
     Of a "touch" with the force of the settings; of a "reach" with a drawn one, at most 0.8 of the limit.
     """
     config: HiddenWallConfig = task.config
+    if fixed:
+        return [_scene_of_a_wall(config, fixed["wall"], fixed["target"], task.rest) for _ in rngs]
     scenes: list[Scene | None] = [None] * len(rngs)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
@@ -159,18 +161,17 @@ def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any])
             turn, share, size = rng.uniform(-0.5, 0.5), rng.uniform(0.3, 0.7), np.log(config.stiffness)
             stiffness = float(np.exp(rng.uniform(*size)))
             forces[row] = config.touch_force if config.goal == "touch" else rng.uniform(0.3, 0.8) * config.force_limit
-            walls.append(fixed.get("wall") or _wall_across(task, poses[:, row, :, :2], turn, share, stiffness))
+            walls.append(_wall_across(task, poses[:, row, :, :2], turn, share, stiffness))
         found, targets, commands = _pressing(task, walls, goals, forces)
         for row, lane in enumerate(active):
-            if (good[row] and found[row]) or "target" in fixed:
-                wall = walls[row]
-                values = {"normal": np.array(wall.normal), "offset": wall.offset, "stiffness": wall.stiffness}
-                values |= {"mu": config.mu, "goal": commands[row]}
-                aim = fixed.get("target", targets[row])
-                scenes[lane] = Scene((wall,), config.mu, aim, NO_LINE, 0.0, values)
-        if "wall" in fixed and all(scene is None for scene in scenes):
-            break
-    raise InvalidInput("options", fixed or "no wall drawn", "a wall that the tip can press on, or a target with it")
+            if good[row] and found[row]:
+                scenes[lane] = _scene_of_a_wall(config, walls[row], targets[row], commands[row])
+    raise InvalidInput("wall", "none drawn", "a wall that the tip can press on", "Take a smaller force.")
+
+
+def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, goal: Array) -> Scene:
+    values = {"normal": np.array(wall.normal), "offset": wall.offset, "stiffness": wall.stiffness}
+    return Scene((wall,), config.mu, target, NO_LINE, 0.0, values | {"mu": config.mu, "goal": goal})
 
 
 _WAY = 12  # steps of a change of the commands without walls
@@ -208,33 +209,27 @@ def _free(task: Drawn, commands: Array, before: Any) -> Any:
     return solve_lengths_batch(task.mechanism, commands, (), before, task.config.tension_range)
 
 
-def _discs_on_the_way(
-    task: Drawn, rng: Rng, straight: Array, around: Array, given: Sequence[Disc] | None
-) -> tuple[Sequence[Disc], int] | None:
+def _discs_on_the_way(task: Drawn, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
     """Discs, and the number of a way around, (steps, ways, n, 3), that is clear of all of them; None: no such found.
 
-    The straight way runs into the first disc; all are clear of the instrument at the start and at the target.
+    The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of the
+    way, (2, n, 3).
     """
     config: ObstaclesConfig = task.config
     bars = Sleeve(config.sleeve).rows(task.mechanism.links).bars
-    at_ends, on_way, besides = (_axes(bars, poses) for poses in (straight[[0, -1]], straight, around[::2]))
-    stiffness = float(rng.uniform(*config.stiffness))
-    tips = straight[_WAY // 3 : 2 * _WAY // 3 + 1, -1, :2]
+    at_ends, besides = _axes(bars, ends), _axes(bars, around[::2])
+    stiffness, (begin, end) = float(rng.uniform(*config.stiffness)), ends[:, -1, :2]
     discs, clear = list[Disc](), np.full(around.shape[1], np.inf)
-    for _ in range(30 if given is None else 1):
-        radius = float(rng.uniform(*config.disc_radius))
-        place = (
-            rng.uniform((-60.0, 20.0), (60.0, 90.0)) if discs else tips[rng.integers(len(tips))] + rng.normal(0, 3, 2)
-        )
-        each = given or [Disc((float(place[0]), float(place[1])), radius, stiffness=stiffness)]
-        if min(_room(at_ends, disc).min() for disc in each) < 1.0:
+    for _ in range(30):
+        radius, share, off = float(rng.uniform(*config.disc_radius)), rng.uniform(0.3, 0.7), rng.normal(0.0, 3.0, 2)
+        place = rng.uniform((-60.0, 20.0), (60.0, 90.0)) if discs else begin + share * (end - begin) + off
+        disc = Disc((float(place[0]), float(place[1])), radius, stiffness=stiffness)
+        if _room(at_ends, disc).min() < 1.0:
             continue
-        if not discs and min(_room(on_way, disc).min() for disc in each) > -1.0:
-            continue
-        now = np.min([clear, *(_room(besides, disc).min(axis=0) for disc in each)], axis=0)
+        now = np.minimum(clear, _room(besides, disc).min(axis=0))
         if now.max() < 0.0:
             continue
-        discs, clear = [*discs, *each], now
+        discs, clear = [*discs, disc], now
         if len(discs) == config.discs:
             return discs, int(clear.argmax())
     return None
@@ -263,18 +258,14 @@ def _room(axes: Axes, disc: Disc) -> Array:
 
 
 def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
-    """Whether targets are reached by way of other commands, in steps of an episode, and not by a straight change."""
+    """Whether targets are reached by way of other commands, in steps of an episode, touching with 1 N at most."""
     if not scenes:
         return []
-    config, rest = task.config, np.repeat(task.rest[None], len(scenes), axis=0)
     walls = _tables(task, [scene.walls for scene in scenes])
     goals, vias = (np.array([scene.values[name] for scene in scenes]) for name in ("goal", "via"))
-    targets = np.array([scene.target for scene in scenes])
-    around, peak = _driven(task, walls, [rest, vias, goals])
-    straight, _ = _driven(task, walls, [rest, goals])
-    by_way, directly = (np.hypot(*(solution.tip - targets).T) for solution in (around, straight))
-    good = around.ok & (by_way <= 1.0) & (peak <= min(1.0, config.force_limit))
-    return list(good & ~(straight.ok & (directly <= 2.0 * config.success_mm)))
+    around, peak = _driven(task, walls, [np.repeat(task.rest[None], len(scenes), axis=0), vias, goals])
+    errors = np.hypot(*(around.tip - [scene.target for scene in scenes]).T)
+    return list(around.ok & (errors <= 1.0) & (peak <= min(1.0, task.config.force_limit)))
 
 
 def _driven(task: Drawn, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:

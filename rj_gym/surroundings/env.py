@@ -87,7 +87,7 @@ class LumenEnv(TaskEnv):
 
 
 class ObstaclesEnv(TaskEnv):
-    """Bring the tip of an instrument to a target behind discs, which it sees: the straight way there is blocked.
+    """Bring the tip of an instrument to a target behind discs, which it sees: one of them is between the two.
 
     As LumenEnv without a lumen, and without feed. m tendons, n links, length L (90 mm).
 
@@ -106,10 +106,10 @@ class ObstaclesEnv(TaskEnv):
     As LumenEnv; the way is the distance from the tip to the target.
 
     ## Start
-    Drawn per episode: the commands of a target at least `reach_mm` (25 mm) from the tip; a disc on the straight way to
-    them and others anywhere; and other commands by way of which no disc is touched. A straight change of the commands
-    ends more than 6 mm from the target or is refused. So every target can be reached, which gives the floor: 100 %.
-    `info["sampled"]` has the commands of both, "goal" and "via". `reset(options=...)` fixes "discs" and "target".
+    Drawn per episode by a search: a target at least `reach_mm` (25 mm) from the tip; a disc between the two, others
+    anywhere; and commands by way of which the tip gets there in at most 45 steps, touching with 1 N at most. So every
+    target can be reached, which gives the floor: 100 %. `info["sampled"]` has the commands "via" and "goal". The search
+    takes about half a second of processor time an episode. `reset(options=...)` fixes "discs" and "target", together.
 
     ## Episode end
     As LumenEnv. A step that would pass through a disc, even in parts, also ends the episode.
@@ -154,7 +154,7 @@ class HiddenWallEnv(TaskEnv):
     log-uniform in `stiffness` (1 to 10 N/mm); the target is where the last link, and no other, presses on it with
     `touch_force` (or, with `goal="reach"`, with a drawn force up to 0.8 of `force_limit`) on that way. So every target
     can be reached, which gives the floor: 100 %. `info["sampled"]` has its commands, "goal". `reset(options=...)` fixes
-    "wall", a rollingjoint.HalfPlane, and "target".
+    "wall", a rollingjoint.HalfPlane, and "target", together.
 
     ## Episode end
     As LumenEnv.

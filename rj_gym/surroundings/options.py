@@ -51,6 +51,8 @@ def wall_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _with_target(options: Mapping[str, Any] | None, keys: tuple[str, ...]) -> dict[str, Any]:
     fixed = dict(checked_keys(options, keys))
+    if fixed and len(fixed) < len(keys):
+        raise InvalidInput("options", sorted(fixed), f"{' and '.join(keys)} together, or neither")
     if "target" in fixed:
         target: Array = finite_floats("options['target']", fixed["target"])
         if target.shape != (2,):

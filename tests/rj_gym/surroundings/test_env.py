@@ -12,9 +12,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
-from agents.controllers.among_walls import Feedback, FollowTheLeader, FreeSpacePlan, Still
+from agents.controllers.among_walls import Feedback, FollowTheLeader, FreeSpacePlan, SearchedWay, Still
 from agents.runs.state_file import packed, unpacked
-from rj_gym.surroundings.drawing import steps_through
 from rollingjoint import ConfigError, Disc, HalfPlane, InvalidInput, Lumen, solve_lengths
 from rollingjoint.chain.status import Status
 from tests.rj_gym.rollouts import same
@@ -229,39 +228,37 @@ def test_a_step_without_a_pose_ends_the_episode_where_it_was(monkeypatch):
 def test_targets_can_be_reached_which_is_the_floor(env_id):
     if env_id == LUMEN:
         envs = made(env_id, 12)
-        envs.reset(seed=9_100_000)
+        _, infos = envs.reset(seed=9_100_000)
         controller = FollowTheLeader()
-        controller.begin(envs)
+        controller.begin(envs, infos)
         for _ in range(60):
             *_, infos = envs.step(controller.act(envs))
         assert infos["success"].all()
         return
-    for seed in range(2):
-        env = made(env_id)
-        _, info = env.reset(seed=seed)
-        sampled, rest = info["sampled"], env.task.rest
-        ends = [sampled["via"], sampled["goal"]] if "via" in sampled else [sampled["goal"]]
-        for wanted in steps_through([one[None] for one in (rest, *ends)], 1.0):
-            *_, info = env.step(np.clip(info["commands"] - wanted[0], -1, 1))
-        assert info["success"] and info["error_mm"] < 1.0
+    envs, controller = made(env_id, 3), SearchedWay()
+    _, infos = envs.reset(seed=0)
+    controller.begin(envs, infos)
+    for _ in range(60):
+        *_, infos = envs.step(controller.act(envs))
+    assert infos["success"].all() and infos["error_mm"].max() < 1.0
 
 
-def test_the_straight_way_behind_obstacles_fails():
+def test_an_obstacle_is_between_the_tip_and_the_target():
     envs = made("rj_gym/Obstacles-v0", 3)
     _, infos = envs.reset(seed=1)
-    goals = infos["sampled"]["goal"]
-    for _ in range(60):
-        away = infos["commands"] - goals
-        *_, infos = envs.step(away / np.maximum(1.0, np.abs(away).max(axis=1, keepdims=True)))
-    assert not infos["success"].any()
+    disc = envs._buffer.scenes.walls.discs[:, 0]
+    begin, way = infos["tip"], infos["target"] - infos["tip"]
+    share = ((disc[:, :2] - begin) * way).sum(1) / np.square(way).sum(1)
+    beside = np.hypot(*(disc[:, :2] - begin - share[:, None] * way).T)
+    assert (np.hypot(*way.T) >= 25.0).all() and ((share > 0.1) & (share < 0.9)).all() and (beside < 12.0).all()
 
 
 def test_opponents_do_as_well_as_they_know():
     success, force = {}, {}
     for controller in (Still(), FreeSpacePlan(), Feedback(aware=False), Feedback(aware=True)):
         envs = made(LUMEN, 24)
-        envs.reset(seed=9_100_000)
-        controller.begin(envs)
+        _, infos = envs.reset(seed=9_100_000)
+        controller.begin(envs, infos)
         for _ in range(60):
             *_, infos = envs.step(controller.act(envs))
         name = type(controller).__name__ + str(getattr(controller, "aware", ""))
@@ -317,7 +314,8 @@ def test_other_settings_are_refused(settings, match):
         (LUMEN, {"depth": 300.0}),
         (LUMEN, {"target": (0, 1)}),
         ("rj_gym/HiddenWall-v0", {"wall": Disc((0, 0), 1)}),
-        ("rj_gym/HiddenWall-v0", {"target": (0, np.nan)}),
+        ("rj_gym/HiddenWall-v0", {"target": (0, np.nan), "wall": HalfPlane((1, 0), -60.0)}),
+        ("rj_gym/HiddenWall-v0", {"target": (0, 50)}),
         ("rj_gym/Obstacles-v0", {"discs": [Disc((0, 0), 1)]}),
     ],
 )
