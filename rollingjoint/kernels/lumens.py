@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.gaps import BLEND, blend
 from rollingjoint.kernels.seen_walls import (
     ARC,
     CURVATURE,
@@ -22,8 +23,6 @@ from rollingjoint.kernels.seen_walls import (
     TURNED,
     TURNED_MEAN,
 )
-
-_BLEND = 0.005  # mm on either side of the joint of two pieces of a lumen
 
 
 @part(inline=True)
@@ -161,13 +160,13 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
     if not rubs:
         return gap, field, side
     other, along = _joint_near(i, first, last, u if after else arc, piece[LENGTH], before or after)
-    if abs(along) >= _BLEND:
+    if abs(along) >= BLEND:
         return gap, field, side
     turn = seen.pieces[max(other, 0), CURVATURE] if other >= 0 else 0.0
     mean = seen.pieces[max(other, 0), MEAN]
     more = (1.0 - turn * side * (mean - radius)) / (1.0 - turn * offset) - scale / q
-    share, rate = 0.5 * (1.0 - abs(along) / _BLEND), -0.5 / (_BLEND * q) * (1.0 if along >= 0.0 else -1.0)
-    per, k = -side * more * share, -side * more * rate
+    share, fall = blend(along)
+    per, k = -side * more * share, -side * more * fall / q
     _, fx, fy, xx, xy, yy = field
     return gap, (field[0], fx + per * tx, fy + per * ty, xx + k * tx * tx, xy + k * tx * ty, yy + k * ty * ty), side
 
@@ -176,8 +175,6 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
 def _joint_near(i, first, last, arc, length, straight):
     """(piece on the other side of the nearer end of piece i, or -1 for a straight end, arc length from there).
 
-    The rate of the way along a wall that gives way jumps with the curvature of its pieces, and friction with it: near
-    the joint of two pieces it goes from one to the other, or a pose at the joint could have no balance.
     straight: whether the point is on a straight end.
     """
     if straight:

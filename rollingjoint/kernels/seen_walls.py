@@ -92,18 +92,18 @@ def _see_piece(pieces, i, base, cos, sin, seen):
     if seen.lumens[lumen, 1] == 0.0:
         seen.lumens[lumen, 0] = i
         turned = turned_mean = 0.0
+        tx, ty = np.cos(pieces[i, 2] - base[2]), np.sin(pieces[i, 2] - base[2])
     else:
         before = seen.pieces[i - 1]
+        tx, ty = before[END_TANGENT], before[END_TANGENT + 1]  # a centre line has no corners
         turn = before[CURVATURE] * before[LENGTH]
         turned, turned_mean = before[TURNED] + turn, before[TURNED_MEAN] + turn * before[MEAN]
         if pieces[i, 6] != pieces[i - 1, 7]:
             seen.steepness[lumen] = np.inf
     seen.lumens[lumen, 1] = i + 1
     x, y = _unturned(pieces[i, 0] - base[0], pieces[i, 1] - base[1], cos, sin)
-    angle = pieces[i, 2] - base[2]
-    tx, ty = np.cos(angle), np.sin(angle)
     half = 0.5 * curvature * length
-    c, s = np.cos(half), np.sin(half)
+    c, s = (np.cos(half), np.sin(half)) if half != 0.0 else (1.0, 0.0)
     chord, mx, my = length * (s / half if half != 0.0 else 1.0), tx * c - ty * s, ty * c + tx * s
     piece[START], piece[START + 1], piece[START_TANGENT], piece[START_TANGENT + 1] = x, y, tx, ty
     piece[END], piece[END + 1] = x + chord * mx, y + chord * my

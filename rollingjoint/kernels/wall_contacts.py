@@ -64,6 +64,7 @@ class ContactMemory(NamedTuple):
 
     seen: Seen
     touch: Touch
+    curve: Annotated[Floats, "ends", 3]  # the chain before the step and after it (passing.py)
 
 
 class ContactSizes(NamedTuple):
@@ -78,6 +79,7 @@ class ContactSizes(NamedTuple):
     lumens: int
     J: int
     C: int
+    ends: int
 
 
 @part
@@ -87,20 +89,27 @@ def contact_sizes(walls, n_joints):
     planes, discs, capsules = walls.planes.shape[1], walls.discs.shape[1], walls.capsules.shape[1]
     pieces, lumens = walls.pieces.shape[1], walls.lumens.shape[1]
     candidates = points * (planes + lumens) + bars * (discs + 4 * capsules)
-    return ContactSizes(points, bars, planes, discs, capsules, pieces, lumens, n_joints, candidates)
+    return ContactSizes(points, bars, planes, discs, capsules, pieces, lumens, n_joints, candidates, 2 * (n_joints + 1))
 
 
 @part
 def begin_touch(touch):
-    """Forget the last solve."""
+    """Forget the last solve, but for friction in it (`begin_rubbing`)."""
     for c in range(touch.gaps.size):
-        touch.normals[c] = touch.frozen[c] = touch.multipliers[c] = 0.0
-        touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
-        touch.gaps[c], touch.pieces[c], touch.clear[c, 2] = np.inf, -1.0, 0.0
+        touch.normals[c] = touch.multipliers[c] = touch.clear[c, 2] = 0.0
+        touch.gaps[c], touch.pieces[c] = np.inf, -1.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
     touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = touch.how[EVALUATIONS] = 0.0
     for i in range(touch.tangent.size):
         touch.tangent[i] = 0.0
+
+
+@part
+def begin_rubbing(touch, rubs):
+    """Forget friction in the last solve; rubs: 1 with friction in this one, else 0. Other solves leave zeros there."""
+    for c in range(touch.gaps.size):
+        touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = touch.frozen[c] = 0.0
+    touch.how[RUBS] = rubs
 
 
 @part(inline=True)
