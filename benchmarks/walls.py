@@ -167,10 +167,10 @@ def print_single(repeats: int) -> None:
     commands = rest + np.clip(np.cumsum(rng.uniform(-0.5, 0.5, (1000, chain.n_tendons)), axis=0), -4.0, 4.0)
     best = {}
     for _, around in itertools.product(range(repeats), (None, three)):
-        pose, begin = None, time.perf_counter()
+        pose, begin = None, time.process_time()
         for command in commands:
             pose = rj.solve_lengths(chain, command, start=pose, tension_limits=(0.5, 15.0), surroundings=around)
-        seconds = (time.perf_counter() - begin) / len(commands)
+        seconds = (time.process_time() - begin) / len(commands)
         best[around is None] = min(best.get(around is None, np.inf), seconds)
     free, among = 1e6 * best[True], 1e6 * best[False]
     print(f"public solve: {free:.1f} µs, with three walls {among:.1f} µs, {among / free:.2f} times")

@@ -20,7 +20,7 @@ class Seen(NamedTuple):
     """Walls as seen from the base, and the outline."""
 
     points: Annotated[Floats, "points", 5]
-    bars: Annotated[Floats, "bars", 6]
+    bars: Annotated[Floats, "bars", 8]  # as Walls.bars, length and 1 / length
     planes: Annotated[Floats, "planes", 4 + N_LAW]  # as Walls.planes, and the place of the base along it before the law
     discs: Annotated[Floats, "discs", 3 + N_LAW]
     capsules: Annotated[Floats, "capsules", 6 + N_LAW]  # first end, unit along it, length, radius; law
@@ -48,6 +48,9 @@ def see(walls, which, base, seen):
     for q in range(seen.bars.shape[0]):
         for column in range(6):
             seen.bars[q, column] = walls.bars[which, q, column]
+        x, y = seen.bars[q, 3] - seen.bars[q, 1], seen.bars[q, 4] - seen.bars[q, 2]
+        seen.bars[q, 6] = np.sqrt(x * x + y * y)
+        seen.bars[q, 7] = 1.0 / seen.bars[q, 6] if seen.bars[q, 6] > 0.0 else 0.0
     for w in range(seen.planes.shape[0]):
         nx, ny = walls.planes[which, w, 0], walls.planes[which, w, 1]
         seen.planes[w, 0], seen.planes[w, 1] = _unturned(nx, ny, cos, sin)

@@ -26,6 +26,7 @@ from rollingjoint.kernels.wall_contacts import (
     GX,
     GY,
     N_SUMS,
+    PRESSING,
     RUBS,
     SOFTER,
     STEPS,
@@ -65,6 +66,8 @@ def add_walls(chain, state):
     energy, magnitude = touch_walls(chain, state, False)
     wall_sums, sums = chain.touch.sums, state.sums
     chain.touch.how[EVALUATIONS] += 1.0
+    if chain.touch.how[PRESSING] == 0.0:  # all sums are zero
+        return energy, magnitude
     n = sums.shape[0]
     for i in range(n - 1, -1, -1):
         if i < n - 1:
@@ -102,8 +105,10 @@ def fill_load_stiffness(chain, state, i, H):
     """Fill H_im and H_mi, m <= i, with the terms of loads and walls beyond joint i."""
     formulas.fill_load_stiffness(chain.chain, state, i, H)
     contact, sums, rubs = state.contact, chain.touch.sums, chain.touch.how[RUBS] > 0.0
+    if chain.touch.how[PRESSING] == 0.0:
+        return
     lx, ly, lm = from_the_left(sums, i, contact[i, 0], contact[i, 1])
-    rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1])
+    rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1]) if rubs else (lx, ly, lm)
     for m in range(i + 1):
         x, y = contact[m, 0], contact[m, 1]
         value = lx * y - ly * x + lm

@@ -33,7 +33,7 @@ from rollingjoint.kernels.rolling_lanes import (
 )
 from rollingjoint.kernels.seen_walls import Seen
 from rollingjoint.kernels.tendons import evaluate_tendons
-from rollingjoint.kernels.wall_contacts import ContactMemory, Touch, Touched, contact_sizes
+from rollingjoint.kernels.wall_contacts import PRESSING, ContactMemory, Touch, Touched, contact_sizes
 from rollingjoint.kernels.walled_chain import LONGEST_MOVE, add_walls, farthest_move, from_the_left
 from rollingjoint.kernels.walled_solve import WallArrays, begin_place, has_jumped, passes, store_walls
 
@@ -98,6 +98,8 @@ def fill_row_of_loads(block, i, H):
     """Fill row i of H with the terms of loads and walls; returns their term on the diagonal."""
     contact = block.state.contact
     lever = fill_dead_stiffness(block.loads, block.state, i, H)
+    if block.place.touch.how[PRESSING] == 0.0:
+        return lever
     lx, ly, lm = from_the_left(block.place.touch.sums, i, contact[i, 0], contact[i, 1])
     for m in range(i):
         H[i, m] += lx * contact[m, 1] - ly * contact[m, 0] + lm

@@ -29,6 +29,8 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
     """The walls and the outline of a mechanism, as kernels take them, a stack of one."""
+    if type(surroundings) is Surroundings and (kept := surroundings.arrays_of(mechanism)) is not None:
+        return kept
     chain = planar(mechanism, "Surroundings are for planar chains.")
     if isinstance(surroundings, Walls):
         return surroundings
