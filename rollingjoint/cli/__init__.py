@@ -7,8 +7,10 @@ Modules:
     identify: the command `rj identify`.
     loop_command: the command `rj loop`.
     mjcf: the option --mjcf of `rj export`.
+    plan_command: the command `rj plan`.
     reach_command: the command `rj reach`.
     warmup_command: the command `rj warmup`.
+    workspace_command: the command `rj workspace`.
 """
 
 from rollingjoint.cli.commands import main

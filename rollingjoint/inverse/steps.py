@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _MOST_TRIALS = 40
 _FIRST_TRUST, _SMALLEST_TRUST = 0.3, 1e-6  # rad: change of any joint in a trial
 _WEIGHT = 1e-5  # of the rates, as in kernels.inverse
+_MOST_LIGHTENED = 2  # times that the weight is lowered where a miss remains
 _STRESS = 10.0  # of the size per N: miss that counts as much as a wall force beyond its cap
 _NO_GAIN, _NO_CHANGE = 1e-7, 1e-3  # as in kernels.inverse
 _TINY = 1e-9  # of the rates: keeps x small where it has no effect
@@ -212,7 +213,7 @@ def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | A
     """The search for a goal; before: the equilibrium before the step, None: each solve starts at the last one."""
     situation, goal = pose.situation, pose.goal
     snapped = before is not None and bool(pose.equilibrium.ok) and _snaps(before, pose)
-    trust, solves, weight = _FIRST_TRUST, 1, -1.0
+    trust, solves, weight, lightened = _FIRST_TRUST, 1, -1.0, 0
     anchor = pose.command.copy() if before is None else before.command
     while pose.equilibrium.ok and solves < _MOST_TRIALS and trust > _SMALLEST_TRUST:
         try:
@@ -225,7 +226,10 @@ def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | A
         value, most = pose.value(weight), max(1e-3, float(pose.equilibrium.tensions.max()))
         gain = value - left
         if gain <= _NO_GAIN * (pose.miss @ pose.miss) + (weight * _NO_CHANGE * most) ** 2:
-            break
+            if lightened == _MOST_LIGHTENED or pose.distance <= tolerance:
+                break
+            weight, lightened = 0.01 * weight, lightened + 1
+            continue
         command = pose.held + x
         start, history = (pose.equilibrium, None) if before is None else (None, before.equilibrium)
         trial = Pose(situation, goal, situation.solve(command, start, history), command)
