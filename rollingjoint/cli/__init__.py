@@ -9,6 +9,7 @@ Modules:
     mjcf: the option --mjcf of `rj export`.
     plan_command: the command `rj plan`.
     reach_command: the command `rj reach`.
+    trace_command: the command `rj trace`.
     warmup_command: the command `rj warmup`.
     workspace_command: the command `rj workspace`.
 """

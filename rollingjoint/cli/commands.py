@@ -19,7 +19,15 @@ from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import suggestion
-from rollingjoint.cli import loop_command, mjcf, plan_command, reach_command, warmup_command, workspace_command
+from rollingjoint.cli import (
+    loop_command,
+    mjcf,
+    plan_command,
+    reach_command,
+    trace_command,
+    warmup_command,
+    workspace_command,
+)
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
@@ -128,6 +136,10 @@ def _workspace(args: argparse.Namespace) -> int:
 
 def _loop(args: argparse.Namespace) -> int:
     return OK if loop_command.run(args) else NOT_USABLE
+
+
+def _trace(args: argparse.Namespace) -> int:
+    return OK if trace_command.run(args) else NOT_USABLE
 
 
 def _export(args: argparse.Namespace) -> int:
@@ -253,6 +265,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
     loop_command.add_options(loop)
     loop.set_defaults(run=_loop)
+    path = commands.add_parser("trace", help="one step after another, with friction that remembers, among walls")
+    trace_command.add_options(path)
+    path.set_defaults(run=_trace)
     export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL, a drawing; MuJoCo model")
     add_case(export, required=False)
     command.add_options(export)

@@ -3,6 +3,7 @@
 Modules:
     contact_lines: contact surfaces and lines of chains in space, and forces on teeth and straps.
     figure: a figure of any mechanism or equilibrium, and figures as files.
+    film: animations, and a chain that is pushed in among walls.
     friction: tensions of the gaps and holes that stick, in a mechanism, along a tendon and over a path.
     loops: hysteresis loops, and a mechanism on its way around one.
     parts: elements of pictures of planar chains.
@@ -14,6 +15,7 @@ Modules:
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure
+from rollingjoint.plotting.film import save_wall_film
 from rollingjoint.plotting.friction import plot_friction_states, plot_tensions
 from rollingjoint.plotting.loops import plot_loops, save_animation
 from rollingjoint.plotting.parts import PALETTE
@@ -37,4 +39,5 @@ __all__ = [
     "plot_workspace",
     "save_animation",
     "save_figure",
+    "save_wall_film",
 ]

@@ -21,14 +21,14 @@ from rollingjoint.surroundings import Surroundings
 Array = NDArray[np.float64]
 
 Around = Surroundings | Walls | None
-"""Surroundings, the arrays of one mechanism among them (kernels.walls.Walls), or None."""
+"""Surroundings, their arrays for one mechanism (kernels.walls.Walls, once or for every row of a batch), or None."""
 
 ORIGIN = (0.0, 0.0, 0.0)
 """The pose of the base in the world: x, y [mm], angle [rad]."""
 
 
 def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
-    """The walls and the outline of a mechanism, as kernels take them, a stack of one."""
+    """The walls and the outline of a mechanism, as kernels take them: a stack of one, or a stack that was given."""
     chain = planar(mechanism, "Surroundings are for planar chains.")
     if isinstance(surroundings, Walls):
         return surroundings
@@ -40,7 +40,7 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
 def walls_around(
     mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
 ) -> WallArrays:
-    """The walls around every row of a batch; surroundings: of all rows, or a list with those of each."""
+    """The walls around every row of a batch; surroundings: of all rows, or a list or a stack with those of each."""
     single = isinstance(surroundings, Walls) or not isinstance(surroundings, Sequence)
     every: Sequence[Around] = [surroundings] if single else surroundings  # type: ignore[list-item, assignment]
     if not single and len(every) != rows:
@@ -58,6 +58,10 @@ def walls_around(
         if single and not isinstance(mechanism, Sequence):
             break
     first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
+    if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1:
+        if len(surroundings.rigid) != rows:
+            raise InvalidInput("number of surroundings", len(surroundings.rigid), f"{rows}, one per row of the batch")
+        return new_wall_arrays(surroundings, np.arange(rows), bases_of(base, rows), first.n_joints)
     return new_wall_arrays(stacked_walls(different), which, bases_of(base, rows), first.n_joints)
 
 
