@@ -21,7 +21,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
 from rollingjoint.inverse.starts import samples_of
-from rollingjoint.inverse.steps import Move, Pose, Situation, approach, step_to
+from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, step_to
 from rollingjoint.inverse.warm import reach_from
 from rollingjoint.kernels import inverse as kernels
 from rollingjoint.kernels.arrays import LARGEST_INPUT, TendonLaw
@@ -127,7 +127,7 @@ def _reach_by_solves(situation: Situation, tip: ArrayLike, history: Solution | N
     if history is not None:
         if not isinstance(history, Solution):
             raise InvalidInput("history", history, "an equilibrium")
-        before = Pose(situation, goal, history, np.zeros(chain.n_tendons))
+        before = HeldPose(situation, goal, history, np.zeros(chain.n_tendons))
         moves.append(step_to(replace(before, command=before.held), situation, goal, _BY_SOLVES, jumps=True))
     else:
         more = {"prefer": first["prefer"], "lever": first["lever"]}
@@ -136,7 +136,7 @@ def _reach_by_solves(situation: Situation, tip: ArrayLike, history: Solution | N
             near += all_solutions(chain, tip, situation.loads, limits, **more)[: first["starts"]]
         for one in near:
             at = situation.solve(one.lengths, one.joint_angles, None)
-            moves.append(approach(Pose(situation, goal, at, one.lengths), _BY_SOLVES))
+            moves.append(approach(HeldPose(situation, goal, at, one.lengths), _BY_SOLVES))
             if moves[-1].reaches(_BY_SOLVES):
                 break
     best = min(moves, key=lambda move: (not move.ok, move.pose.distance))
