@@ -101,6 +101,23 @@ def equilibrium(args: argparse.Namespace, mechanism: AnyChain) -> Any:
     return solution
 
 
+def add_wall_force(parser: argparse.ArgumentParser) -> None:
+    """Adds the walls, and the cap on their forces, of commands that look for lengths."""
+    add_surroundings(parser)
+    parser.add_argument("--wall-force", type=float, metavar="F", help="largest normal force of a contact [N]")
+
+
+def capped_surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
+    """`surroundings_of`, with the cap where there is one."""
+    args.method = None
+    around = surroundings_of(args, mechanism)
+    if args.wall_force is None:
+        return around
+    if not around:
+        raise InvalidInput("--wall-force", args.wall_force, "--surroundings beside it")
+    return around | {"wall_force": checked("--wall-force", args.wall_force, 0.0)}
+
+
 def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
     """Keyword arguments of solvers for the walls and the base, empty without the option."""
     if args.surroundings is None:

@@ -12,12 +12,11 @@ import numpy as np
 
 from rollingjoint.cli.case_options import (
     add_loads,
-    add_surroundings,
     add_tension_limits,
-    checked,
+    add_wall_force,
+    capped_surroundings_of,
     counted,
     loads_of,
-    surroundings_of,
     tension_limits_of,
 )
 from rollingjoint.errors import InvalidInput
@@ -44,8 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=f"plans tried (default {STARTS})")
     add_loads(parser)
-    add_surroundings(parser)
-    parser.add_argument("--wall-force", type=float, metavar="F", help="largest normal force of a contact [N]")
+    add_wall_force(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print all steps as JSON, units in the key names")
     form.add_argument("--csv", action="store_true", help="print all steps as CSV")
@@ -55,15 +53,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Plan:
     """Print the plan; returns it."""
     mechanism = load_mechanism(args.mechanism)
-    args.method = None
     count, allowed = len(args.tip[0]), (2, 3) if mechanism.dimension == 2 else (3,)
     if count not in allowed:
         raise InvalidInput("--tip", args.tip[0], f"{' or '.join(map(str, allowed))} numbers for this mechanism")
-    around = surroundings_of(args, mechanism)
-    if args.wall_force is not None and not around:
-        raise InvalidInput("--wall-force", args.wall_force, "--surroundings beside it")
-    if args.wall_force is not None:
-        around["wall_force"] = checked("--wall-force", args.wall_force, 0.0)
+    around = capped_surroundings_of(args, mechanism)
     plan = plan_path(
         mechanism,
         [counted("--tip", tip, count) for tip in args.tip],

@@ -10,7 +10,15 @@ import numpy as np
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_integer
-from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of, tension_limits_of
+from rollingjoint.cli.case_options import (
+    add_loads,
+    add_tension_limits,
+    add_wall_force,
+    capped_surroundings_of,
+    counted,
+    loads_of,
+    tension_limits_of,
+)
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
 from rollingjoint.inverse.search import INPUTS, STARTS
@@ -33,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = f"that are tried, at most {SAMPLES} (default {STARTS})"
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=text)
     add_loads(parser)
+    add_wall_force(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     parser.add_argument(
         "--plot", metavar="FILE", help="also draw it, the target as a cross; the suffix sets the format"
@@ -50,6 +59,7 @@ def run(args: argparse.Namespace) -> Reach:
         prefer=args.prefer,
         starts=as_integer("--starts", args.starts, 1, SAMPLES),
         **tension_limits_of(args),
+        **capped_surroundings_of(args, mechanism),
     )
     print(json.dumps(_as_dict(result), indent=2, allow_nan=False) if args.json else _as_text(result))
     return result

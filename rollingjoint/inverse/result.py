@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-_AT_LIMIT = 1e-9  # of a limit, or N: so near a tension is at it
+_AT_LIMIT = 1e-6  # of a limit, or N: so near a tension is at it
 
 
 class ReachStatus(IntEnum):

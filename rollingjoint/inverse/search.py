@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -15,15 +15,18 @@ from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import Floats
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.chain import AnyChain, check_chain
-from rollingjoint.checks import as_choice, as_integer, as_number, seen_as_vector
+from rollingjoint.chain.solution import Solution
+from rollingjoint.checks import as_choice, as_integer, as_number, as_positive, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
 from rollingjoint.inverse.starts import samples_of
+from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, step_to
 from rollingjoint.inverse.warm import reach_from
 from rollingjoint.kernels import inverse as kernels
 from rollingjoint.kernels.arrays import LARGEST_INPUT, TendonLaw
 from rollingjoint.load import Load
+from rollingjoint.statics.among import ORIGIN, Around, walls_of
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.inputs import Start, angles_of, broadcast_limits, start_of, tension_limits_of
 from rollingjoint.threads import run_in_threads
@@ -35,9 +38,12 @@ Rows = NDArray[np.int64]
 PREFERENCES = ("tension", "margins", "stiffness")
 """Values of `prefer`."""
 INPUTS = ("lengths", "tensions")
-STARTS = 12  # that a search tries before it gives up
+STARTS = 24  # that a search tries before it gives up
+_FAR_STARTS = 12  # after so many only searches that have come near go on
 TOLERANCE = 1e-6  # mm: a nearer target is reached
+_BY_SOLVES = 1e-5  # mm: likewise with a history or among walls, where derivatives have kinks
 _CLOSE, _FARTHER = 4, 1.5  # starts that are nearest one after the other; factor from one to the next beyond, squared
+_PREFERRED = 2  # starts; later ones of a search that has come near keep to the tensions with which they begin
 _NEAR = 1e-3  # of a mechanism's length: a search that ends so near goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
@@ -59,10 +65,15 @@ def reach(
     start: Start | Reach = None,
     starts: int = STARTS,
     lever: float | None = None,
+    history: Solution | None = None,
+    surroundings: Around = None,
+    base: ArrayLike = ORIGIN,
+    wall_force: float = np.inf,
 ) -> Reach:
     """The tendon lengths, or tensions, that bring the mechanism to a target, or as near as the limits allow.
 
-    `solve_lengths(mechanism, reach(...).lengths, loads, tension_limits=...)` is its equilibrium.
+    `solve_lengths(mechanism, reach(...).lengths, loads, tension_limits=...)` is its equilibrium, with the same history,
+    surroundings and base.
 
     Args:
         mechanism: a chain of any class.
@@ -73,14 +84,26 @@ def reach(
         inputs: "lengths" (elastic tendons, which may hold poses that tensions do not), or "tensions".
         prefer: which of many solutions: "tension", the least tensions (least squares from the lower limit, or 0.1 N);
             "margins", the tensions nearest the middle of the limits; "stiffness", those nearest the upper limit.
-        start: joint angles, an equilibrium or a Reach to start from; default: the nearest of 256 equilibria.
+        start: joint angles, an equilibrium or a Reach to start from; default: the nearest of 1,024 equilibria.
         starts: how many starts are tried before the target counts as out of reach.
         lever: mm that count as much as a turn of 1 rad; default: a tenth of the mechanism's length.
+        history: the equilibrium before, from which friction of the tendons and at walls goes on; the target is reached
+            in one step from it. None: no friction. It takes the place of starts.
+        surroundings, base: walls, and the pose of the base among them, as of solve_lengths; the target is in the frame
+            of the base. wall_force: largest normal force of a contact with a wall [N].
     Raises:
         InvalidInput: wrong shapes or types, an unknown word, no upper limit with "margins" or "stiffness".
     Source: docs/inverse.md.
     """
     check_chain(mechanism)
+    if history is not None or surroundings is not None:
+        as_choice("inputs", inputs, ("lengths",))
+        first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}
+        each = tension_limits_of(tension_limits, mechanism.n_tendons)
+        walls = None if surroundings is None else walls_of(surroundings, mechanism)
+        cap = np.inf if wall_force == np.inf else as_positive("wall_force", wall_force, "a positive number [N], or inf")
+        situation = Situation(mechanism, loads, each, np.zeros(mechanism.n_tendons), cap, walls, base)
+        return _reach_by_solves(situation, tip, history, first)
     table = mechanism.load_table(loads)
     if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
         limits = broadcast_limits(tension_limits, mechanism.n_tendons)
@@ -93,6 +116,38 @@ def reach(
     search = _Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
     angles_of(mechanism, start.equilibrium if isinstance(start, Reach) else start, None)  # as those of one solve
     return search.run(start, as_integer("starts", starts, 1)).row(0)
+
+
+def _reach_by_solves(situation: Situation, tip: ArrayLike, history: Solution | None, first: dict[str, Any]) -> Reach:
+    """`reach` with a history, or among walls: from it, or from solutions without walls, the nearest result of them."""
+    chain, limits = situation.mechanism, (situation.limits[0], situation.limits[1])
+    goal = Goal.of(chain, tip, checked_lever(first["lever"]), single=True)
+    situation = replace(situation, preferred=np.asarray(preferred_tensions(first["prefer"], *limits)))
+    moves: list[Move] = []
+    if history is not None:
+        if not isinstance(history, Solution):
+            raise InvalidInput("history", history, "an equilibrium")
+        before = HeldPose(situation, goal, history, np.zeros(chain.n_tendons))
+        moves.append(step_to(replace(before, command=before.held), situation, goal, _BY_SOLVES, jumps=True))
+    else:
+        more = {"prefer": first["prefer"], "lever": first["lever"]}
+        near = [reach(chain, tip, situation.loads, limits, **first)]
+        if first["start"] is None:
+            near += all_solutions(chain, tip, situation.loads, limits, **more)[: first["starts"]]
+        for one in near:
+            at = situation.solve(one.lengths, one.joint_angles, None)
+            moves.append(approach(HeldPose(situation, goal, at, one.lengths), _BY_SOLVES))
+            if moves[-1].reaches(_BY_SOLVES):
+                break
+    best = min(moves, key=lambda move: (not move.ok, move.pose.distance))
+    at, command = best.pose.equilibrium, best.pose.command
+    status = ReachStatus.REACHED if best.reaches(_BY_SOLVES) else ReachStatus.OUT_OF_REACH
+    status = status if best.ok else ReachStatus.NO_EQUILIBRIUM
+    rest = situation.solve(command, None, history)
+    from_rest = bool(rest.ok) and float(goal.distances(rest)[0]) <= best.pose.distance + _BY_SOLVES
+    solves = sum(move.solves for move in moves)
+    distance = best.pose.distance if best.ok else np.inf
+    return Reach(at, command, distance, status, limits, from_rest, solves)
 
 
 def reach_batch(
@@ -139,7 +194,7 @@ def all_solutions(
     """The different equilibria at a target that searches from `starts` starts find, the preferred ones first.
 
     Args:
-        starts: how many of the 256 starts are tried, the nearest first.
+        starts: how many of the 1,024 starts are tried, the nearest first.
         apart: equilibria with a joint angle that differs by more are different [rad].
         mechanism, tip, loads, tension_limits, inputs, prefer, lever: as of `reach`.
     Raises:
@@ -213,6 +268,8 @@ class _Searches:
         best = _Best.none(len(self.goal.points), self.batch.chains[0])
         samples = first = values = None
         for attempt in range(starts):
+            if attempt == _FAR_STARTS:
+                best.over[best.distance > _NEAR * self.goal.size] = True
             rows = np.flatnonzero((best.distance > TOLERANCE) & ~best.over)
             if len(rows) == 0:
                 break
@@ -228,7 +285,11 @@ class _Searches:
                     later = rows[ranks > rank]  # type: ignore[operator]
                     angles[later], tensions[later] = self._nearest(samples, later, tried)
                 best.over[rows] |= np.isinf(tried[rows])
-            solution = self._try(best, rows, angles, tensions, np.repeat(self.preferred[None], len(rows), axis=0))
+            preferred = np.repeat(self.preferred[None], len(rows), axis=0)
+            if attempt >= _PREFERRED:
+                nearly = best.distance[rows] < _NEAR * self.goal.size
+                preferred[nearly] = tensions[nearly]
+            solution = self._try(best, rows, angles, tensions, preferred)
             near = np.flatnonzero((best.distance > TOLERANCE) & (best.distance < _NEAR * self.goal.size))
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
                 self._try(best, near, best.angles[near].copy(), best.tensions[near].copy(), best.tensions[near].copy())

@@ -13,7 +13,7 @@ from rollingjoint.statics.solve import solve_tensions_batch
 
 Array = NDArray[np.float64]
 
-SAMPLES = 256
+SAMPLES = 1024
 _MOST_KEPT = 8  # sets of samples per mechanism
 _USUAL = 20.0  # N: highest tension of samples where there is no limit, or ten times the lowest one
 _SMALLEST = 1e-3  # of the highest tension: lowest one of samples

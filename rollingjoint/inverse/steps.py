@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _MOST_TRIALS = 40
 _FIRST_TRUST, _SMALLEST_TRUST = 0.3, 1e-6  # rad: change of any joint in a trial
 _WEIGHT = 1e-5  # of the rates, as in kernels.inverse
+_MOST_LIGHTENED = 2  # times that the weight is lowered where a miss remains
 _STRESS = 10.0  # of the size per N: miss that counts as much as a wall force beyond its cap
 _NO_GAIN, _NO_CHANGE = 1e-7, 1e-3  # as in kernels.inverse
 _TINY = 1e-9  # of the rates: keeps x small where it has no effect
@@ -72,7 +73,7 @@ class Situation:
 
 
 @dataclass(frozen=True)
-class Pose:
+class HeldPose:
     """An equilibrium on the way to a goal, and the command that holds it.
 
     free: joints that move in the linear model, (J,); None: those that are at no limit.
@@ -112,7 +113,7 @@ class Pose:
         at, k = self.equilibrium, self.situation.mechanism.stiffnesses
         return joint_response(at, self._stiffness, at.torques_per_tension * k, self.free)
 
-    def follows(self, other: Pose) -> bool:
+    def follows(self, other: HeldPose) -> bool:
         """Whether another equilibrium is where the tangent here says, by the rule of `Solution.jumped`."""
         moved = other.equilibrium.joint_angles - self.equilibrium.joint_angles
         tangent = self.angle_rates @ (other.command - self.command)
@@ -155,7 +156,7 @@ class Pose:
 class Move:
     """How a step to a goal ended: a pose, whether it snapped there, and the number of solves."""
 
-    pose: Pose
+    pose: HeldPose
     snapped: bool
     solves: int
 
@@ -169,13 +170,13 @@ class Move:
         return self.ok and self.pose.distance <= tolerance
 
 
-def approach(begin: Pose, tolerance: float) -> Move:
+def approach(begin: HeldPose, tolerance: float) -> Move:
     """The equilibrium nearest to the goal that solves find from a pose, each from the one before, without a history."""
     return _search(begin, None, tolerance, np.inf, jumps=True)
 
 
 def step_to(
-    before: Pose,
+    before: HeldPose,
     situation: Situation,
     goal: Goal,
     tolerance: float,
@@ -190,10 +191,10 @@ def step_to(
         jumps: whether the mechanism may snap.
     """
     at = situation.solve(before.command, None, before.equilibrium)
-    return _search(Pose(situation, goal, at, before.command), before, tolerance, travel, jumps)
+    return _search(HeldPose(situation, goal, at, before.command), before, tolerance, travel, jumps)
 
 
-def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Move]:
+def drive(before: HeldPose, goal: Goal, command: Array, count: int) -> list[Move]:
     """Steps to a command in equal parts, wherever they lead, as far as there are equilibria."""
     steps: list[Move] = []
     first = before.command
@@ -208,11 +209,11 @@ def drive(before: Pose, goal: Goal, command: Array, count: int) -> list[Move]:
     return steps
 
 
-def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | Array, jumps: bool) -> Move:
+def _search(pose: HeldPose, before: HeldPose | None, tolerance: float, travel: float | Array, jumps: bool) -> Move:
     """The search for a goal; before: the equilibrium before the step, None: each solve starts at the last one."""
     situation, goal = pose.situation, pose.goal
     snapped = before is not None and bool(pose.equilibrium.ok) and _snaps(before, pose)
-    trust, solves, weight = _FIRST_TRUST, 1, -1.0
+    trust, solves, weight, lightened = _FIRST_TRUST, 1, -1.0, 0
     anchor = pose.command.copy() if before is None else before.command
     while pose.equilibrium.ok and solves < _MOST_TRIALS and trust > _SMALLEST_TRUST:
         try:
@@ -225,10 +226,13 @@ def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | A
         value, most = pose.value(weight), max(1e-3, float(pose.equilibrium.tensions.max()))
         gain = value - left
         if gain <= _NO_GAIN * (pose.miss @ pose.miss) + (weight * _NO_CHANGE * most) ** 2:
-            break
+            if lightened == _MOST_LIGHTENED or pose.distance <= tolerance:
+                break
+            weight, lightened = 0.01 * weight, lightened + 1
+            continue
         command = pose.held + x
         start, history = (pose.equilibrium, None) if before is None else (None, before.equilibrium)
-        trial = Pose(situation, goal, situation.solve(command, start, history), command)
+        trial = HeldPose(situation, goal, situation.solve(command, start, history), command)
         solves += 1
         fits = bool(trial.equilibrium.ok) and trial.value(weight) < value - 1e-4 * gain
         jumped = fits and before is not None and not snapped and _snaps(before, trial)
@@ -243,12 +247,12 @@ def _search(pose: Pose, before: Pose | None, tolerance: float, travel: float | A
     return Move(replace(pose, command=held), snapped, solves)
 
 
-def _holds_others(pose: Pose, trial: Pose) -> bool:
+def _holds_others(pose: HeldPose, trial: HeldPose) -> bool:
     """Whether other joints are at their limits at a trial: the step is tried with those held, too."""
     return not np.array_equal(pose.equilibrium.free_joints, trial.equilibrium.free_joints)
 
 
-def _snaps(before: Pose, pose: Pose) -> bool:
+def _snaps(before: HeldPose, pose: HeldPose) -> bool:
     try:
         return bool(pose.equilibrium.jumped) or not before.follows(pose)
     except np.linalg.LinAlgError:  # on the verge of a snap
@@ -256,7 +260,7 @@ def _snaps(before: Pose, pose: Pose) -> bool:
 
 
 def _change(
-    pose: Pose, before: Pose | None, weight: float, anchor: Array, travel: float | Array, trust: float
+    pose: HeldPose, before: HeldPose | None, weight: float, anchor: Array, travel: float | Array, trust: float
 ) -> tuple[Array, float]:
     """The change x of the lengths, and the sum that it would leave."""
     at, situation, m = pose.equilibrium, pose.situation, len(anchor)
@@ -287,7 +291,7 @@ def _change(
     return x, float(np.sum((A @ x - b) ** 2))
 
 
-def _force_rates(pose: Pose, before: Pose | None) -> Array:
+def _force_rates(pose: HeldPose, before: HeldPose | None) -> Array:
     """(C, m) d normal forces / d commanded lengths [N/mm], by differences of solves."""
     held, m = pose.held, len(pose.command)
     commands = held + np.concatenate([np.zeros((1, m)), _PROBE * np.eye(m)])

@@ -42,7 +42,7 @@ _FUNNEL, _NARROWING = 0.02, 0.25  # a miss that is allowed to grow, of the size;
 _SETTLED = 1e-8  # rad: angles as near to equilibrium are at it
 _NO_GAIN = 1e-7  # of the squared miss: a smaller gain ends the search
 _NO_CHANGE = 1e-3  # of the tensions: a smaller change is not worth a step
-_WEIGHT = 1e-5  # of the rates at the start, its root: of the second term
+_WEIGHT = 1e-4  # of the rates at the start, its root: of the second term
 _SINGULAR = 1e-13  # of the largest entry: a smaller pivot is none
 _DAMPING = 1e-12  # of the mean square of the rates: keeps the step where tensions change nothing
 

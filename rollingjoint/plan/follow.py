@@ -16,7 +16,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
 from rollingjoint.inverse.search import PREFERENCES, all_solutions, checked_lever, preferred_tensions, reach
-from rollingjoint.inverse.steps import Move, Pose, Situation, approach, drive, step_to
+from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, drive, step_to
 from rollingjoint.load import Load
 from rollingjoint.plan.path import among_walls, between, target_like
 from rollingjoint.plan.result import Plan, PlanStatus
@@ -205,7 +205,7 @@ def _begins(
         here = replace(situation, preferred=np.asarray(preferred_tensions(word, *limits)))
         if start is not None:
             at = start.equilibrium if isinstance(start, Reach) else start
-            pose = Pose(here, goal, at, np.zeros(chain.n_tendons))
+            pose = HeldPose(here, goal, at, np.zeros(chain.n_tendons))
             yield word, (Move(replace(pose, command=pose.held), False, 0), 0)
             continue
         lever = task.goal.lever
@@ -214,7 +214,7 @@ def _begins(
             at = one.equilibrium
             if situation.surroundings is not None:
                 at = here.solve(one.lengths, one.joint_angles, None)
-            step = Move(Pose(here, goal, at, one.lengths), False, 1)
+            step = Move(HeldPose(here, goal, at, one.lengths), False, 1)
             if situation.surroundings is not None:
                 step = approach(step.pose, near)
             yield word, (step, step.solves)
@@ -244,7 +244,7 @@ def _follow(task: _Targets, first: Move, word: str, rates: Array, near: float, d
     return _Way(steps, numbers, word, solves, near)
 
 
-def _detours(task: _Targets, number: int, word: str, at: Pose, near: float) -> list[list[Move]]:
+def _detours(task: _Targets, number: int, word: str, at: HeldPose, near: float) -> list[list[Move]]:
     """Drives from a pose to the nearest solutions for a target, each in steps of _TURN at most."""
     goal, situation = task.goal_of(number), at.situation
     target = task.targets_here[number]

@@ -201,3 +201,31 @@ def test_the_picture_of_the_command_has_a_cross_at_the_target(tmp_path):
     orange = np.array([0xD5, 0x5E, 0x00]) / 255.0
     near = [np.abs(image.imread(tmp_path / name)[..., :3] - orange).max(axis=-1) < 0.01 for name in ("a.png", "b.png")]
     assert near[0].any() and not near[1].any()
+
+
+def test_among_walls_a_target_is_reached_and_a_cap_on_their_force_kept():
+    arm = rj.two_segment(4, 4, height=10, radius=7, half_width=5)
+    around, limits = rj.Surroundings([rj.HalfPlane((1, 0), -25, stiffness=2.0)], rj.Sleeve(5.0)), (0.5, 15.0)
+    case = {"surroundings": around, "base": (0.5, 0.0, 0.0)}
+    aim = rj.solve_tensions(arm, (0.5, 4.6, 14.0, 3.7), **case).tip
+    there = rj.reach(arm, aim, (), limits, **case)
+    assert there.ok and there.equilibrium.wall_contacts
+    again = rj.solve_lengths(arm, there.lengths, start=there.joint_angles, tension_limits=limits, **case)
+    np.testing.assert_allclose(again.tip, aim, atol=1e-5)
+    force = there.equilibrium.walls.normals.max()
+    capped = rj.reach(arm, aim, (), limits, **case, wall_force=0.5 * force)
+    assert capped.status is rj.ReachStatus.OUT_OF_REACH and 1e-4 < capped.distance < 5.0
+    assert capped.equilibrium.walls.normals.max() <= 0.501 * force
+
+
+def test_with_a_history_the_step_with_friction_ends_at_the_target():
+    rubs = rj.two_segment().replace(friction=rj.CapstanFriction(0.1))
+    loads = load_of(rubs)
+    before = rj.solve_tensions(rubs, [2.0, 3.0, 4.0, 2.0], loads)
+    target = before.tip + np.array([1.0, -0.5])
+    there = rj.reach(rubs, target, loads, LIMITS, history=before)
+    assert there.ok and there.equilibrium.friction is not None
+    again = rj.solve_lengths(rubs, there.lengths, loads, tension_limits=LIMITS, history=before)
+    np.testing.assert_allclose(again.tip, target, atol=1e-5)
+    plain = rj.solve_lengths(rubs, there.lengths, loads, tension_limits=LIMITS)
+    assert np.linalg.norm(plain.tip - target) > 1e-2  # friction counts
