@@ -31,13 +31,14 @@ from rollingjoint._numba.layout import is_layout
 from rollingjoint._numba.shipped import shipped
 
 _PACKAGE = Path(__file__).parents[1]
+_ROOMS = ("_numba", "kernels", "transmission")
 
 
 @functools.cache
 def _source_hash() -> str:
-    """Hash of every source that kernels are compiled from."""
+    """Hash of every source in the rooms of kernels."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for room in ("_numba", "kernels", "transmission"):
+    for room in _ROOMS:
         for path in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(path.relative_to(_PACKAGE).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]
@@ -108,7 +109,7 @@ def _fresh_folder() -> Path:
 
 
 def _sources(function: Callable[..., Any]) -> tuple[list[Path], list[str]]:
-    """Source files of a kernel outside this package, and the constants in them, imported ones included.
+    """Source files of a kernel outside the rooms of kernels, and the constants in them, imported ones included.
 
     The files are its own, and those of kernels and layouts that it imports.
     """
@@ -118,15 +119,20 @@ def _sources(function: Callable[..., Any]) -> tuple[list[Path], list[str]]:
     while waiting:
         kernel = waiting.pop(0)
         file = Path(kernel.__code__.co_filename)
-        if file not in files and _PACKAGE not in file.parents:
+        if file not in files and not _is_hashed(file):
             files.append(file)
             plain = (item for item in kernel.__globals__.items() if isinstance(item[1], int | float))
             constants += sorted(f"{name} {value!r}" for name, value in plain)
             waiting += [value.py_func for value in kernel.__globals__.values() if isinstance(value, CPUDispatcher)]
             for value in filter(is_layout, list(kernel.__globals__.values())):
                 path = Path(getattr(sys.modules[value.__module__], "__file__", None) or file)
-                files += [path] if path not in files and _PACKAGE not in path.parents else []
+                files += [path] if path not in files and not _is_hashed(path) else []
     return files, constants
+
+
+def _is_hashed(file: Path) -> bool:
+    """True for a file whose content `_source_hash` covers."""
+    return any(_PACKAGE / room in file.parents for room in _ROOMS)
 
 
 @functools.cache
@@ -167,7 +173,7 @@ class _KernelLocator(caching._CacheLocator):
         return str(cache_directory())
 
     def get_source_stamp(self) -> str:
-        """Hash of the package's kernels and of a kernel's sources outside it."""
+        """Hash of the rooms of kernels and of a kernel's sources outside them."""
         return self._stamp
 
     def get_disambiguator(self) -> str:

@@ -70,6 +70,13 @@ def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch, source):
     assert cache._source_hash.__wrapped__() != before
 
 
+def test_a_kernel_of_this_package_outside_the_rooms_is_keyed_by_the_files_of_its_parts():
+    from rollingjoint.estimate import equations, kernels
+
+    files, _ = cache._sources(kernels.advance.py_func)
+    assert {Path(kernels.__file__), Path(equations.__file__)} <= set(files)
+
+
 def test_constants_that_a_kernel_imports_are_part_of_its_key(monkeypatch):
     from rj_gym.tracking import kernels
 
