@@ -91,6 +91,7 @@ _FIRST = tuple(
         ("LatePose", "planar", "LatePoseConfig", "worlds"),
         ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
         ("CurvatureDesign", "design", "DesignConfig"),
+        ("CoDesign", "design", "CoDesignConfig"),
     )
 )
 

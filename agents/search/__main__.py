@@ -21,6 +21,7 @@ from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.ready_made import SEARCH, add_list, configuration_file
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
@@ -41,8 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
     add_options(parser, "runs")
     parser.add_argument("--force", action="store_true", help="restart existing runs")
+    add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("rj search", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("rj search", argv)), consent_of(arguments))
 
 
 @naming_extras("search")

@@ -30,10 +30,12 @@ TASKS = {  # of the results page, by the stem of the classes
     "ArmInstrument": ("arm_instrument",),
     "PitchYaw": ("pitch_yaw",),
     "CurvatureDesign": (),
+    "CoDesign": (),
 }
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
+    "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}

@@ -8,8 +8,10 @@ Modules:
     loops: hysteresis loops, and a mechanism on its way around one.
     parts: elements of pictures of planar chains.
     planar: pictures of planar chains.
+    plans: a mechanism on its way along a path, lengths and tensions over time.
     spatial: pictures of arms.
     walls: walls, lumens and obstacles, and the forces at them.
+    workspaces: dexterity, force and stiffness where the tip can be.
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure
@@ -18,8 +20,10 @@ from rollingjoint.plotting.friction import plot_friction_states, plot_tensions
 from rollingjoint.plotting.loops import plot_loops, save_animation
 from rollingjoint.plotting.parts import PALETTE
 from rollingjoint.plotting.planar import plot_family, plot_mechanism
+from rollingjoint.plotting.plans import plot_plan
 from rollingjoint.plotting.spatial import plot_arm
 from rollingjoint.plotting.walls import plot_wall_contacts
+from rollingjoint.plotting.workspaces import plot_workspace
 
 __all__ = [
     "PALETTE",
@@ -29,8 +33,10 @@ __all__ = [
     "plot_friction_states",
     "plot_loops",
     "plot_mechanism",
+    "plot_plan",
     "plot_tensions",
     "plot_wall_contacts",
+    "plot_workspace",
     "save_animation",
     "save_figure",
     "save_wall_film",

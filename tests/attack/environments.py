@@ -23,6 +23,7 @@ IDS = {  # id: weight, lanes of a batch, steps of a round
     "rj_gym/PitchYaw-v0": (1, 64, 60),
     "rj_gym/ArmInstrument-v0": (0.5, 16, 40),
     "rj_gym/CurvatureDesign-v0": (0.1, 4, 8),
+    "rj_gym/CoDesign-v0": (0.1, 4, 8),
 }
 SETTINGS = (
     {},
