@@ -65,7 +65,7 @@ class _Curvature(Lane):
 
     __hash__ = torch.Tensor.__hash__
 
-    def __eq__(self, other: object) -> bool:  # type: ignore[override]
+    def __eq__(self, other: object) -> bool:
         return False
 
 
