@@ -362,7 +362,7 @@ class Solution(ABC):
 
     @property
     def wall_gaps(self) -> Array:
-        """(candidates,) gap of every pair of outline and wall, negative where a compliant wall gives way [mm]; planar."""
+        """(candidates,) gap of every pair of outline and wall, negative where the wall gives way [mm]; planar."""
         if self.walls is None:
             return np.zeros((*self._codes.shape, 0))
         gaps = self.walls.touched(self._designs, self.joint_angles)[0].gaps

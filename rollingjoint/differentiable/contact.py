@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rollingjoint.differentiable.formulas import of_tensors, root
+from rollingjoint.kernels import lumens
 from rollingjoint.kernels.seen_walls import N_PIECE, see
 from rollingjoint.kernels.wall_contacts import (
     GM,
@@ -59,6 +60,15 @@ class Lane(torch.Tensor):
         return bool(values[0])
 
 
+class _Curvature(Lane):
+    """A curvature that is bent even where it is 0, so that it keeps its derivatives."""
+
+    __hash__ = torch.Tensor.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return False
+
+
 class KernelTable:
     """A table of numbers of several pairs, as kernels index an array."""
 
@@ -71,9 +81,6 @@ class KernelTable:
 
     def __setitem__(self, at: tuple[int, int], value: Any) -> None:
         self.rows[at[0]][at[1]] = value
-
-
-_NO_ROWS = KernelTable([])
 
 
 class Stack:
@@ -97,7 +104,11 @@ _MATH = types.SimpleNamespace(
     atan2=lambda y, x: torch.atan2(y, x) if isinstance(y, Tensor) else math.atan2(y, x),
     inf=math.inf, pi=math.pi,
 )  # fmt: skip
-_INSTEAD = {"math": _MATH, "np": _MATH, "where": lambda which, one, other: one if which else other}
+_INSTEAD: dict[str, Any] = {"math": _MATH, "np": _MATH, "where": lambda which, one, other: one if which else other}
+_in_the_bend = of_tensors(lumens._in_the_bend, _INSTEAD)
+_INSTEAD["_in_the_bend"] = lambda u, v, curvature: _in_the_bend(
+    u, v, curvature.as_subclass(_Curvature) if isinstance(curvature, Tensor) else curvature
+)
 _see, _touch_walls = of_tensors(see, _INSTEAD), of_tensors(touch_walls, _INSTEAD)
 
 
@@ -268,8 +279,8 @@ class WallProblem:
             [[1, *_lanes(outline[:, 1:])]], outline.shape[1]
         )  # all on one link, the first beyond the base
         walls, first = self._walls(pairs, shared)
-        seen = types.SimpleNamespace(**vars(walls))
-        seen.points, seen.bars = (body, _NO_ROWS) if pairs.on_points else (_NO_ROWS, body)
+        shapes = _seen(body if pairs.on_points else [], [] if pairs.on_points else body, {}, self.rigid)
+        seen = types.SimpleNamespace(**(vars(walls) | {name: getattr(shapes, name) for name in _OUTLINE}))
         touch = _touch(pairs.count, 1, [pairs.piece - first] * pairs.count)
         touch.how[RUBS], touch.how[STIFFER] = float(self.rubs), FIRM if self.rigid else 1.0
         every = [(torch.as_tensor(pairs.row), torch.as_tensor(pairs.first + k)) for k in range(pairs.count)]
@@ -323,12 +334,8 @@ def _seen(points: Any, bars: Any, walls: dict[str, Any], rigid: bool) -> Any:
     tables |= {name: KernelTable(walls.get(name, [])) for name in ("planes", "discs", "capsules", "pieces", "lumens")}
     widths = {"planes": 4 + N_LAW, "discs": 3 + N_LAW, "capsules": 6 + N_LAW, "pieces": N_PIECE, "lumens": 2 + N_LAW}
     empty = {name: KernelTable([[0.0] * width for _ in tables[name].rows]) for name, width in widths.items()}
-    outline = {
-        name: KernelTable([[0.0] * len(row) for row in tables[name].rows], tables[name].shape[1]) for name in _OUTLINE
-    }
-    seen = types.SimpleNamespace(
-        **outline, **empty, steepness=[1.0] * len(walls.get("lumens", [])), angle=[0.0], rigid=[0.0]
-    )
+    empty |= {name: KernelTable([[0.0] * 8 for _ in tables[name].rows], 5) for name in _OUTLINE}
+    seen = types.SimpleNamespace(**empty, steepness=[1.0] * len(walls.get("lumens", [])), angle=[0.0], rigid=[0.0])
     stacks = {name: Stack(table) for name, table in tables.items()}
     _see(types.SimpleNamespace(**stacks, rigid=[float(rigid)]), 0, _ORIGIN, seen)
     return seen

@@ -106,7 +106,7 @@ def _see_piece(pieces, i, base, cos, sin, seen):
     seen.lumens[lumen, 1] = i + 1
     x, y = _unturned(pieces[i, 0] - base[0], pieces[i, 1] - base[1], cos, sin)
     half = 0.5 * curvature * length
-    c, s = (np.cos(half), np.sin(half)) if half != 0.0 else (1.0, 0.0)
+    c, s = (np.cos(half), np.sin(half)) if half != 0.0 else (1.0, half)
     chord, mx, my = length * (s / half if half != 0.0 else 1.0), tx * c - ty * s, ty * c + tx * s
     piece[START], piece[START + 1], piece[START_TANGENT], piece[START_TANGENT + 1] = x, y, tx, ty
     piece[END], piece[END + 1] = x + chord * mx, y + chord * my

@@ -134,7 +134,7 @@ def test_values_are_those_of_the_compiled_solver(scene):
     )  # fmt: skip
     rigid = SCENES[scene][0].rigid
     for name, values in zip(FIELDS, fields_of(expected), strict=True):
-        np.testing.assert_allclose(getattr(found, name).detach(), values, atol=1e-6 if rigid else 1e-9, err_msg=name)
+        np.testing.assert_allclose(getattr(found, name).detach(), values, atol=1e-5 if rigid else 1e-9, err_msg=name)
     H = expected.stiffness
     np.testing.assert_allclose(found.stiffness.detach(), H, atol=1e-9 * np.abs(H).max())
     pressing = found.wall_normals.detach().numpy() > 0.0
@@ -167,7 +167,12 @@ def test_gradients_are_those_of_differences(scene):
             wide, narrow = ((value(leaf, place, k) - value(leaf, place, -k)) / (2.0 * k) for k in (h, 0.5 * h))
             difference = (4.0 * narrow - wide) / 3.0
             error = abs(float(gradients[leaf][place]) - difference)
-            assert error < 1e-6 * size + 1e-7, (leaf, place, float(gradients[leaf][place]), difference)
+            assert error < (1e-5 if walls.rigid else 1e-6) * size + 1e-7, (
+                leaf,
+                place,
+                float(gradients[leaf][place]),
+                difference,
+            )
 
 
 RUBBING = Surroundings([LUMEN, Disc((-9, 66), 4.0)], Sleeve(5.0), WallFriction(0.25, 0.08))
