@@ -75,7 +75,7 @@ def _chosen(arguments: argparse.Namespace) -> ShippedPolicy:
 
 
 def _list() -> int:
-    print(table(shipped_policies()))
+    print(table(shipped_policies(every=True)))
     return 0
 
 

@@ -4,8 +4,8 @@
 rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains with the
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
 arm with the tip not seen), versions -v1 of these last five with the motors of a rig, rj_gym/PitchYaw-v0 (rolling joints
-about alternating axes in space), and rj_gym/CurvatureDesign-v0, which needs torch and is imported when it is first
-asked for.
+about alternating axes in space), rj_gym/Lumen-v0, rj_gym/Obstacles-v0 and rj_gym/HiddenWall-v0 (planar chains among
+walls), and rj_gym/CurvatureDesign-v0 and rj_gym/CoDesign-v0, which need torch and are imported when one is first asked for.
 
 Modules:
     core: shared by all tasks.
@@ -13,6 +13,7 @@ Modules:
     former_names: where pickles of earlier versions find their classes.
     registry: the table of registered environments, their settings and tasks.
     rendering: colours, lines and the window of the drawings of all tasks.
+    surroundings: the tasks among walls.
     sb3: the native vector environments for Stable-Baselines3.
     torch_env: the planar tracking tasks as torch tensors on a device.
     tracking: the tracking tasks.
@@ -27,6 +28,18 @@ from typing import TYPE_CHECKING, Any
 from rj_gym import former_names as _former_names  # noqa: F401 (pickles name modules that are there)
 from rj_gym.core.task import Entry, ObservedError
 from rj_gym.registry import TABLE, late, register_envs, settings_of, task_of
+from rj_gym.surroundings.config import (
+    FAMILIES,
+    HiddenWallConfig,
+    LumenConfig,
+    NoiseConfig,
+    ObstaclesConfig,
+    SurroundingsConfig,
+    WallRewardConfig,
+)
+from rj_gym.surroundings.env import HiddenWallEnv, LumenEnv, ObstaclesEnv
+from rj_gym.surroundings.observation import surroundings_observation_entries
+from rj_gym.surroundings.vector import HiddenWallVectorEnv, LumenVectorEnv, ObstaclesVectorEnv
 from rj_gym.tracking.config import (
     ArmRandomizationConfig,
     ArmRewardConfig,
@@ -96,14 +109,16 @@ from rj_gym.tracking.worlds import (
 from rj_gym.vector_checker import check_vector_env
 
 if TYPE_CHECKING:
-    from rj_gym.design.config import DesignConfig, DesignRewardConfig
-    from rj_gym.design.env import CurvatureDesignEnv
+    from rj_gym.design.config import CoDesignConfig, CoDesignRewardConfig, DesignConfig, DesignRewardConfig
+    from rj_gym.design.env import CoDesignEnv, CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
-    from rj_gym.design.vector import CurvatureDesignVectorEnv
+    from rj_gym.design.vector import CoDesignVectorEnv, CurvatureDesignVectorEnv
 
 __all__ = [
     "DESIGN_IDS",
+    "FAMILIES",
     "IDS",
+    "SURROUNDINGS_IDS",
     "ActuationConfig",
     "ArmInstrumentConfig",
     "ArmInstrumentEnv",
@@ -114,6 +129,10 @@ __all__ = [
     "ArmRandomizationConfig",
     "ArmRewardConfig",
     "ArmTargetConfig",
+    "CoDesignConfig",
+    "CoDesignEnv",
+    "CoDesignRewardConfig",
+    "CoDesignVectorEnv",
     "CurvatureDesignEnv",
     "CurvatureDesignVectorEnv",
     "DesignConfig",
@@ -127,6 +146,9 @@ __all__ = [
     "FlexibleArmVectorEnv",
     "FrictionConfig",
     "GravityConfig",
+    "HiddenWallConfig",
+    "HiddenWallEnv",
+    "HiddenWallVectorEnv",
     "InstrumentConfig",
     "InstrumentEnv",
     "InstrumentShiftConfig",
@@ -146,9 +168,16 @@ __all__ = [
     "LatePoseV1VectorEnv",
     "LatePoseVectorEnv",
     "LoadConfig",
+    "LumenConfig",
+    "LumenEnv",
+    "LumenVectorEnv",
     "Memory",
+    "NoiseConfig",
     "Observed",
     "ObservedError",
+    "ObstaclesConfig",
+    "ObstaclesEnv",
+    "ObstaclesVectorEnv",
     "PayloadConfig",
     "PitchYawConfig",
     "PitchYawEnv",
@@ -168,9 +197,11 @@ __all__ = [
     "SlowCameraVectorEnv",
     "Start",
     "Step",
+    "SurroundingsConfig",
     "TargetConfig",
     "Terms",
     "TrackingConfig",
+    "WallRewardConfig",
     "arm_observation_entries",
     "check_vector_env",
     "design_observation_entries",
@@ -178,13 +209,17 @@ __all__ = [
     "privileged_entries",
     "register_envs",
     "settings_of",
+    "surroundings_observation_entries",
 ]
 
 IDS = {row.env_id: row.stem for row in TABLE if row.tracks}
 """Registered ids of the tracking tasks and the stem of their classes: <stem>Env, and <stem>VectorEnv for make_vec."""
 
-DESIGN_IDS = {row.env_id: row.stem for row in TABLE if not row.tracks}
+DESIGN_IDS = {row.env_id: row.stem for row in TABLE if row.family == "design"}
 """The same for the design task."""
+
+SURROUNDINGS_IDS = {row.env_id: row.stem for row in TABLE if row.family == "surroundings"}
+"""The same for the tasks among walls."""
 
 
 def privileged_entries(config: TaskConfig) -> list[Entry]:
@@ -193,8 +228,9 @@ def privileged_entries(config: TaskConfig) -> list[Entry]:
 
 
 _LATE = {
-    **{name: module for row in TABLE if not row.tracks for name, module in row.classes.items()},
+    **{name: module for row in TABLE if row.family == "design" for name, module in row.classes.items()},
     "DesignRewardConfig": "rj_gym.design.config",
+    "CoDesignRewardConfig": "rj_gym.design.config",
     "design_observation_entries": "rj_gym.design.observation",
 }
 

@@ -24,7 +24,7 @@ class Registration:
     Args:
         env_id: the id.
         stem: of its classes: <stem>Env in the folder's env.py, and <stem>VectorEnv in its vector.py for make_vec.
-        family: of mechanisms: "planar" or "arm" for the tracking tasks, or "design".
+        family: of mechanisms: "planar" or "arm" for the tracking tasks, "design", or "surroundings".
         settings: the class of its settings, in the folder's `settings_module`.
         settings_module: config, or worlds: other defaults of the settings in config.
     """
@@ -53,12 +53,17 @@ class Registration:
     @property
     def tracks(self) -> bool:
         """Whether the task is to track a target with the tip."""
+        return self.family in ("planar", "arm")
+
+    @property
+    def has_policies(self) -> bool:
+        """Whether policies for it can be shipped: for tasks of a mechanism that is driven by its tendons."""
         return self.family != "design"
 
     @property
     def folder(self) -> str:
         """The package that its classes are in."""
-        return "rj_gym.tracking" if self.tracks else "rj_gym.design"
+        return "rj_gym.tracking" if self.tracks else f"rj_gym.{self.family}"
 
     @property
     def classes(self) -> dict[str, str]:
@@ -91,6 +96,10 @@ _FIRST = tuple(
         ("LatePose", "planar", "LatePoseConfig", "worlds"),
         ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
         ("CurvatureDesign", "design", "DesignConfig"),
+        ("CoDesign", "design", "CoDesignConfig"),
+        ("Lumen", "surroundings", "LumenConfig"),
+        ("Obstacles", "surroundings", "ObstaclesConfig"),
+        ("HiddenWall", "surroundings", "HiddenWallConfig"),
     )
 )
 

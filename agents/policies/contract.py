@@ -80,13 +80,16 @@ def _goal_entries(task: TrackingTask, name: str) -> Iterator[Entry]:
 
 
 def _actions(policy: ShippedPolicy) -> list[dict[str, Any]]:
-    """The actions: the pull of each tendon, in units of action_scale_mm; negative ones let out."""
+    """The actions: the pull of each tendon, in units of action_scale_mm, negative ones let out; then the feed."""
     scale = policy.settings.action_scale_mm
     bounds = zip(policy.network.low, policy.network.high, strict=True)
-    return [
+    actions = [
         {"name": f"tendon {j} pulled in", "unit": "mm", "scale": scale, "low": float(low), "high": float(high)}
         for j, (low, high) in enumerate(bounds)
     ]
+    if len(actions) > policy.mechanism.n_tendons:
+        actions[-1] |= {"name": "base moved on", "scale": getattr(policy.settings, "feed_scale_mm", scale)}
+    return actions
 
 
 def _entry(entry: Entry, length: float) -> dict[str, Any]:

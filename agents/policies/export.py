@@ -14,7 +14,7 @@ from agents.policies.base import PolicyNetwork
 from agents.policies.conversion import algorithm_of, network_of
 from agents.policies.errors import PolicyError
 from agents.policies.pickled import load_pickled
-from agents.policies.shipped import ShippedPolicy, check_tracks, entry_names, is_goal, standalone
+from agents.policies.shipped import ShippedPolicy, check_has_policies, entry_names, is_goal, standalone
 from agents.policies.trained import check_unwrapped, read_trained
 from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig
@@ -98,7 +98,7 @@ def shipped_policy(
     network: PolicyNetwork, algorithm: str, environment: EnvConfig, name: str, training: Mapping[str, Any]
 ) -> ShippedPolicy:
     """The policy with this forward pass, without a score; raises PolicyError for a foreign environment."""
-    check_tracks(environment.id)
+    check_has_policies(environment.id)
     settings = standalone(environment.arguments()["config"])
     return ShippedPolicy(
         name=name,

@@ -10,6 +10,7 @@ from agents.policies.file import SUFFIX, read_bytes
 from agents.policies.shipped import ShippedPolicy
 from agents.runs.consent import Consent, allowing
 from agents.runs.folder import PolicyFiles
+from rj_gym import IDS
 from rollingjoint.checks import suggestion
 
 FOLDER = Path(__file__).parent
@@ -54,9 +55,14 @@ def list_policies() -> list[str]:
     return sorted({name for name, _ in _shipped()})
 
 
-def shipped_policies() -> list[ShippedPolicy]:
-    """All shipped policies, of every version of their environments."""
-    return [load_policy(name, version=version) for name, version in sorted(_shipped())]
+def shipped_policies(every: bool = False) -> list[ShippedPolicy]:
+    """All shipped policies of tracking tasks, of every version of their environments.
+
+    Args:
+        every: whether those of tasks among walls belong to them, which most commands cannot play.
+    """
+    policies = [load_policy(name, version=version) for name, version in sorted(_shipped())]
+    return [policy for policy in policies if every or policy.env_id in IDS]
 
 
 def _shipped() -> dict[tuple[str, int], Path]:

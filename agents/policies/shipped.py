@@ -21,7 +21,7 @@ from agents.policies.layers import Vectors
 from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
-from rj_gym import IDS, Terms
+from rj_gym import IDS, SURROUNDINGS_IDS, Terms
 from rj_gym.registry import making_arguments, registered_settings, registration_of, row_of, task_of
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
@@ -67,13 +67,16 @@ class ShippedPolicy(Controller):
     score: RecordedScore | None = None
 
     def __post_init__(self) -> None:
-        check_tracks(self.env_id)
-        size = len(task_of(self.settings).goal_bounds())
-        inputs = {"achieved_goal": size, "desired_goal": size, "observation": len(self.entries)} if self.goal else {}
+        check_has_policies(self.env_id)
+        task: Any = task_of(self.settings)
+        inputs = {}
+        if self.goal:
+            size = len(task.goal_bounds())
+            inputs = {"achieved_goal": size, "desired_goal": size, "observation": len(self.entries)}
         if dict(self.network.inputs) != inputs or (not inputs and self.network.entries != len(self.entries)):
             raise PolicyError("inputs", self.network.inputs or self.network.entries, f"{inputs or len(self.entries)}")
-        if len(self.network.low) != self.mechanism.n_tendons:
-            raise PolicyError("actions", len(self.network.low), f"{self.mechanism.n_tendons}, one per tendon")
+        if len(self.network.low) != task.action_size:
+            raise PolicyError("actions", len(self.network.low), f"{task.action_size}, one per tendon, and of the feed")
         self._check_entries(self.settings)
 
     @property
@@ -140,6 +143,8 @@ class ShippedPolicy(Controller):
     def bind(self, task: TrackingTask | None) -> None:
         """Take over a task; raises PolicyError unless observation, action and mechanism are as trained."""
         hint = "policy.make_env() makes the environment of this policy."
+        if task is None and not self._tracks:
+            return  # controllers are bound to tracking tasks alone
         if task is None:
             raise PolicyError("environment", "not one of rj_gym", self.env_id, hint)
         if _numbers_of(task.mechanism) != _numbers_of(self.mechanism):
@@ -167,7 +172,8 @@ class ShippedPolicy(Controller):
 
     def _plain_settings(self) -> dict[str, Any]:
         """The settings as plain values, without the terms that an id registered elsewhere brings."""
-        return plain_settings(self.settings if self.env_id in IDS else replace(self.settings, terms=Terms()))
+        brings_terms = self._tracks and self.env_id not in IDS
+        return plain_settings(replace(self.settings, terms=Terms()) if brings_terms else self.settings)
 
     def _check_version(self, settings: TaskConfig) -> None:
         """Raise PolicyError for settings of another version of environments, with other motors and sensors."""
@@ -175,6 +181,11 @@ class ShippedPolicy(Controller):
         if row is not None and row.version != version:
             hint = f"Train one for {row.env_id} with rj train, or load one that ships for it."
             raise PolicyError("environment", row.env_id, f"{self.env_id}, as {self.name!r} was trained", hint)
+
+    @property
+    def _tracks(self) -> bool:
+        row = row_of(self.env_id)
+        return row is not None and row.tracks
 
     @property
     def _version(self) -> int:
@@ -222,12 +233,12 @@ class ShippedPolicy(Controller):
             return cls(**_fields(content, tensors))
 
 
-def check_tracks(env_id: str) -> None:
-    """Raise PolicyError unless the id is one of rj_gym's tracking tasks, or registered for the class of one."""
+def check_has_policies(env_id: str) -> None:
+    """Raise PolicyError unless the id is one of rj_gym's tasks of tendons, or registered for the class of one."""
     row = row_of(env_id)
-    if row is None or not row.tracks:
+    if row is None or not row.has_policies:
         hint = "Import the module that registers it first, with an entry point in rj_gym."
-        raise PolicyError("environment", env_id, f"one of {', '.join(IDS)}", "" if row else hint)
+        raise PolicyError("environment", env_id, f"one of {', '.join([*IDS, *SURROUNDINGS_IDS])}", "" if row else hint)
 
 
 def is_goal(env_id: str) -> bool:
@@ -263,7 +274,7 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     env_id = text("environment.id", environment["id"])
     if env_id not in IDS:
         EnvConfig(env_id)  # refuses code that is not allowed
-        check_tracks(env_id)
+        check_has_policies(env_id)
     return {
         "name": text("name", content["name"]),
         "algorithm": text("algorithm", content["algorithm"]),

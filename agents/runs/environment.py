@@ -144,9 +144,9 @@ class EnvConfig:
     def complete_settings(self) -> dict[str, Any]:
         """Plain settings with defaults written in and the mechanism as its numbers.
 
-        Of other ids than rj_gym's tracking tasks they are as given.
+        Of other ids than rj_gym's tasks of tendons they are as given.
         """
-        if not self.is_built_in_tracking:
+        if not (self.is_built_in and (row := self.registration) and row.has_policies):
             return dict(self.settings)
         from rj_gym.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict
@@ -156,17 +156,18 @@ class EnvConfig:
 
 
 def plain_settings(config: TaskConfig) -> dict[str, Any]:
-    """All settings of a tracking environment except the mechanism, as plain values.
+    """All settings of a tracking environment, or of one among walls, except the mechanism, as plain values.
 
     Raises:
         ConfigError: own terms, which are functions and have no place in a file.
     """
     either_task: Any = config
-    if config.terms != type(config.terms)():
+    if hasattr(config, "terms") and config.terms != type(config.terms)():
         hint = "Register an id of your own that brings them (docs/your_task.md)."
         raise ConfigError("terms", "own functions", "none in a file", hint)
     values = asdict(replace(either_task, mechanism=""))
-    del values["mechanism"], values["terms"]
+    del values["mechanism"]
+    values.pop("terms", None)
     return values
 
 

@@ -30,12 +30,21 @@ TASKS = {  # of the results page, by the stem of the classes
     "ArmInstrument": ("arm_instrument",),
     "PitchYaw": ("pitch_yaw",),
     "CurvatureDesign": (),
+    "CoDesign": (),
+    "Lumen": (),
+    "Obstacles": (),
+    "HiddenWall": (),
 }
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
+    "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
+    "Lumen": ("surroundings_lumen.gif", "A controller that knows the centre line, in a hard lumen."),
+    "Obstacles": ("surroundings_obstacles.gif", "The way that the search of the episode has found."),
+    "HiddenWall": ("surroundings_hidden_wall.gif", "The commands that touch the wall with 0.5 N."),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
+GUIDES["surroundings"] = "surroundings_tasks.md"
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}
 TITLE = "# {name}\n\n`{env_id}`"
 

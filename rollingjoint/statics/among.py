@@ -21,14 +21,14 @@ from rollingjoint.surroundings import Surroundings
 Array = NDArray[np.float64]
 
 Around = Surroundings | Walls | None
-"""Surroundings, the arrays of one mechanism among them (kernels.walls.Walls), or None."""
+"""Surroundings, their arrays for one mechanism (kernels.walls.Walls, once or for every row of a batch), or None."""
 
 ORIGIN = (0.0, 0.0, 0.0)
 """The pose of the base in the world: x, y [mm], angle [rad]."""
 
 
 def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
-    """The walls and the outline of a mechanism, as kernels take them, a stack of one."""
+    """The walls and the outline of a mechanism, as kernels take them: a stack of one, or a stack that was given."""
     if type(surroundings) is Surroundings and (kept := surroundings.arrays_of(mechanism)) is not None:
         return kept
     chain = planar(mechanism, "Surroundings are for planar chains.")
@@ -46,7 +46,7 @@ def walls_around(
     rows: int,
     at: Any = None,
 ) -> WallArrays:
-    """The walls around every row of a batch; surroundings: of all rows, or a list with those of each.
+    """The walls around every row of a batch; surroundings: of all rows, or a list or a stack with those of each.
 
     at: equilibria among walls before a step, or one for all rows: steps that pass through a wall are marked.
     """
@@ -70,7 +70,12 @@ def walls_around(
     if at is not None:
         shapes = (at.poses, (rows, first.n_links, 3)), (at.base_among_walls, (rows, 3))
         at = tuple(np.broadcast_to(values, shape).copy() for values, shape in shapes)
-    return new_wall_arrays(stacked_walls(different), which, bases_of(base, rows), first.n_joints, None, at)
+    stack = stacked_walls(different)
+    if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1:
+        if len(surroundings.rigid) != rows:
+            raise InvalidInput("number of surroundings", len(surroundings.rigid), f"{rows}, one per row of the batch")
+        stack, which = surroundings, np.arange(rows)
+    return new_wall_arrays(stack, which, bases_of(base, rows), first.n_joints, None, at)
 
 
 def equilibrium_among(start: Any, history: Any, n_links: int) -> Any:

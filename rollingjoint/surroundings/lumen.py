@@ -23,6 +23,7 @@ Start = tuple[float, float, float]
 
 STEEPEST = 0.5  # largest change of a radius per length
 _MOST_PIECES = 1000
+_BLOCK = 64  # places that are compared with all others at a time
 _SAMPLES = 8  # points of a piece at which a curve is compared with its arcs
 _UP = (0.0, 0.0, float(np.pi / 2))
 
@@ -235,13 +236,15 @@ class Lumen(Boundary):
         ends = np.arange(1, 2 + int(reach / spacing)) * spacing
         t = np.concatenate([-ends[::-1], inner, self.length + ends])
         places, radii = self.pose(t)[:, :2], self.radius(t)
-        for i in range(len(t)):  # two places of one bend of radius R are 2 R apart where they are pi R apart along it
-            far = t > t[i] + np.pi * largest
-            shared = np.hypot(*(places[far] - places[i]).T) < (radii[far] + radii[i]) * (1.0 - 1e-9)
-            if shared.any():
-                first, second = t[i], t[far][shared][0]
+        for i in range(0, len(t), _BLOCK):
+            block = slice(i, i + _BLOCK)
+            far = t > t[block, None] + np.pi * largest  # two places of a bend of radius R: 2 R apart, pi R along it
+            apart = np.hypot(*np.moveaxis(places - places[block, None], -1, 0))
+            first, second = np.nonzero(far & (apart < (radii + radii[block, None]) * (1.0 - 1e-9)))
+            if first.size:
+                meet = f"{t[i + first[0]]:.4g} and {t[second[0]]:.4g} mm"
                 allowed = "a centre line that stays clear of itself, its straight ends included"
-                hint = f"It meets itself at arc lengths {first:.4g} and {second:.4g} mm. Shorten it."
+                hint = f"It meets itself at arc lengths {meet}. Shorten it."
                 raise InvalidInput("Lumen", f"{self.length:.4g} mm long", allowed, hint)
 
 

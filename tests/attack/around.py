@@ -66,7 +66,7 @@ class Candidates:
         return np.clip(np.where(pressed & (side == old_side), state, 0.0) + slid, -1.0, 1.0)
 
     def wrenches(self, poses, bases, forces, states):
-        """(force, moment about the origin of the base frame) on every link, (B, n, 2) and (B, n), and its terms' size."""
+        """Force and moment about the origin of the base frame on every link, and the sum of its terms' magnitudes."""
         force, moment, size = np.zeros((*poses.shape[:2], 2)), np.zeros(poses.shape[:2]), np.zeros(poses.shape[:2])
         for c, (link, fields, _, _) in enumerate(self.pairs):
             rows = np.flatnonzero(forces[c] > 0.0)

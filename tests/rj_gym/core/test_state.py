@@ -22,6 +22,8 @@ VARIED = {
     "hidden": ("InstrumentShift-v0", {}),
     "late": ("LatePose-v0", {}),
     "arm": ("ArmInstrument-v0", {}),
+    "lumen": ("Lumen-v0", {}),
+    "hidden wall": ("HiddenWall-v0", {}),
     "design": ("CurvatureDesign-v0", {"episode_steps": 4}),
 }
 
