@@ -38,9 +38,9 @@ def _in_the_bend(u, v, curvature):
 
 
 @part(inline=True)
-def _arc_length_at(u, v, cos, sin, curvature):
+def _arc_length_at(u, offset, cos, sin, curvature):
     """Arc length of the nearest point of a piece from its start; of a straight one with its rate by the curvature."""
-    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * v)
+    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * offset)
 
 
 @part(inline=True)

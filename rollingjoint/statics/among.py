@@ -70,12 +70,11 @@ def walls_around(
     if at is not None:
         shapes = (at.poses, (rows, first.n_links, 3)), (at.base_among_walls, (rows, 3))
         at = tuple(np.broadcast_to(values, shape).copy() for values, shape in shapes)
-    stack = stacked_walls(different)
-    if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1:
-        if len(surroundings.rigid) != rows:
-            raise InvalidInput("number of surroundings", len(surroundings.rigid), f"{rows}, one per row of the batch")
-        stack, which = surroundings, np.arange(rows)
-    return new_wall_arrays(stack, which, bases_of(base, rows), first.n_joints, None, at)
+    stack = surroundings if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1 else None
+    if stack is not None and len(stack.rigid) != rows:
+        raise InvalidInput("number of surroundings", len(stack.rigid), f"{rows}, one per row of the batch")
+    walls, which = (stacked_walls(different), which) if stack is None else (stack, np.arange(rows))
+    return new_wall_arrays(walls, which, bases_of(base, rows), first.n_joints, None, at)
 
 
 def equilibrium_among(start: Any, history: Any, n_links: int) -> Any:
