@@ -25,7 +25,7 @@ Modules:
     long_lu: Newton steps in O(n) with friction.
     lumens: points in lumens: pieces of the centre line, gaps and ways.
     newton: Newton's method with a line search.
-    passing: whether a chain has passed through an obstacle.
+    passing: whether a chain has passed through a wall.
     planar_loads: loads in the plane: energy, sums, stiffness.
     rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
     rolling_lanes: planar chains in lanes, without and with friction.
@@ -43,6 +43,7 @@ Modules:
     vectors: vectors of the plane and of space.
     wall_contacts: contact of an outline with walls, its energy and its sums.
     walled_chain: a planar chain among walls.
+    walled_lanes: planar chains among walls in a lane of their own.
     walled_solve: equilibria among walls, row by row, and what contacts remember.
     walls: arrays of walls and outlines.
 """

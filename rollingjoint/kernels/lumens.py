@@ -31,8 +31,6 @@ def _in_the_bend(u, v, curvature):
 
     Returns (offset d from the centre line to its left, q = 1 - curvature d, cos and sin of the turn to that point).
     """
-    if curvature == 0.0:
-        return v, 1.0, 1.0, 0.0
     along, across = curvature * u, 1.0 - curvature * v
     q = math.sqrt(along * along + across * across)
     offset = (2.0 * v - curvature * (u * u + v * v)) / (1.0 + q)
@@ -140,12 +138,12 @@ def _from_start(seen, first, last, i, x, y):
 def point_in_lumen(seen, w, i, x, y):
     """A point in a lumen, at a piece of it, for `lumen_room` and `lumen_fields`.
 
-    Returns (u along the tangent at the start of the piece, offset to the left, q, cos and sin of the turn to it, that
-    tangent, whether the point is before, beyond the lumen).
+    Returns (u along the tangent at the start of the piece, v to its left, offset, q, cos and sin of the turn to it,
+    that tangent, whether the point is before, beyond the lumen).
     """
     u, v, tx, ty, before, after = _from_start(seen, int(seen.lumens[w, 0]), int(seen.lumens[w, 1]), i, x, y)
     offset, q, cos, sin = _in_the_bend(u, v, 0.0 if before or after else seen.pieces[i, CURVATURE])
-    return u, offset, q, cos, sin, tx, ty, before, after
+    return u, v, offset, q, cos, sin, tx, ty, before, after
 
 
 @part
@@ -155,12 +153,12 @@ def lumen_fields(seen, w, i, point, radius, rubs):
     point: of `point_in_lumen`. rubs: whether the way is wanted.
     """
     piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
-    u, offset, q, cos, sin, tx, ty, before, after = point
+    u, v, offset, q, cos, sin, tx, ty, before, after = point
     curvature, slope, wall_radius = piece[CURVATURE], piece[SLOPE], piece[RADIUS]
     if before or after:  # both ends go on straight
         wall_radius = piece[RADIUS] + piece[SLOPE] * piece[LENGTH] if after else piece[RADIUS]
         curvature = slope = 0.0
-    arc = _arc_length_at(u, offset, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
+    arc = _arc_length_at(u, v, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
     tx, ty = tx * cos - ty * sin, ty * cos + tx * sin
     side = 1.0 if offset > 0.0 else -1.0
     gap = _lumen_gap(side, wall_radius + slope * arc, slope, curvature, offset, q, tx, ty)
@@ -200,4 +198,4 @@ def _joint_near(i, first, last, arc, length, straight):
 @part(inline=True)
 def lumen_room(piece, point):
     """A lower bound of the distance of a point from the walls of a lumen, at a piece of it, without its arc length."""
-    return min(piece[RADIUS], piece[RADIUS] + piece[SLOPE] * piece[LENGTH]) - abs(point[1])
+    return min(piece[RADIUS], piece[RADIUS] + piece[SLOPE] * piece[LENGTH]) - abs(point[2])

@@ -290,8 +290,10 @@ def _touch_bars(chain, state, all_gaps, c):
         at = pose[link, X], pose[link, Y], pose[link, C], pose[link, S]
         ax, ay = placed(at[0], at[1], at[2], at[3], bar[1], bar[2])
         bx, by = placed(at[0], at[1], at[2], at[3], bar[3], bar[4])
-        length, per_length, angle = bar[6], bar[7], pose[link, THETA] + seen.angle[0]
-        axis = ax, ay, (bx - ax) * per_length, (by - ay) * per_length, length
+        ux, uy = bx - ax, by - ay
+        length = np.sqrt(ux * ux + uy * uy)
+        ux, uy, angle = ux / length, uy / length, pose[link, THETA] + seen.angle[0]
+        axis = ax, ay, ux, uy, length
         for w in range(seen.discs.shape[0]):
             disc = seen.discs[w]
             if disc[3 + STIFFNESS] > 0.0 and link > 0:

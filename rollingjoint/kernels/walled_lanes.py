@@ -56,7 +56,7 @@ class WalledBlock(NamedTuple):
     place: ContactMemory  # pointed: the block goes from function to function word by word
 
 
-class _Among(NamedTuple):
+class _AtWalls(NamedTuple):
     """What the contact with walls is evaluated from."""
 
     walls: Seen
@@ -87,7 +87,7 @@ def evaluate_among(block, chain, designs):
     energy, magnitude = evaluate_tendons(block.law, state)
     load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
     touch = block.place.touch
-    among = _Among(block.place.seen, Touched(touch.states, touch.slips, touch.sides, touch.normals), touch)
+    among = _AtWalls(block.place.seen, Touched(touch.states, touch.slips, touch.sides, touch.normals), touch)
     wall_energy, wall_magnitude = add_walls(among, pointed(state))
     energy, magnitude = energy + load_energy + wall_energy, magnitude + load_magnitude + wall_magnitude
     return energy, magnitude, evaluate_residual(chain.tendon_joints, state)

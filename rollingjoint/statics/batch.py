@@ -118,7 +118,7 @@ class Batch:
         if not passed.size:
             return solution
         each = [solution.row(row) for row in range(rows)]
-        for row in passed:
+        for row in passed.tolist():
             law = TendonLaw(*(values[row] for values in laws))
             history = row_of(before[1], row)
             each[row] = in_parts(_take_part, row_of(at, row), history, each[row], law, tables[row])
@@ -199,7 +199,7 @@ def _take_part(mechanism: AnyChain, law: TendonLaw, table: Array, at: Solution, 
     batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
     laws, angles = TendonLaw(*(values[None] for values in law)), at.joint_angles[None].copy()
     step, base = walls
-    way = at.poses[None].copy(), at.walls.base[None].copy()
+    way = at.poses[None].copy(), np.array([at.base_among_walls])
     which, bases = np.array([step.which]), base[None].copy()
     arrays = new_wall_arrays(step.walls, which, bases, mechanism.n_joints, None, way)
     return batch._step_among(laws, table[None].copy(), angles, history, arrays).row(0)

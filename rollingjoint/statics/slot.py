@@ -57,14 +57,17 @@ class Slot:
             np.zeros((1, n_joints)),
         )
         self.law, self.loads, self.start = TendonLaw(*laws[:, 0]), tables[0], starts[0]
-        self.arrays, self.walls, self._around = mechanism.arrays, walls, around
+        self.arrays, self.walls = mechanism.arrays, walls
+        self._around: Any = around
         arrays = kernels.batch_arrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
         solve: Any = PinnedRange(kernels, arrays) if around is None else PinnedAmongWalls(arrays, around)
         self._solve = solve.__call__  # looked up once: 70 ns of every solve
         self._at_once = runs_at_once(n_joints)
         self._numbers = [array for array in results if array.ndim == 1]
         # among walls: outputs of the last equilibrium, the pose of the base there, and the one of the step before it
-        self._last, self._base, self._before = (), ORIGIN, None
+        self._last: Any = ()
+        self._base: Any = ORIGIN
+        self._before: Any = None
 
     def enter(self, law: Law, table: Array, start: Array) -> None:
         """Fill everything in."""

@@ -201,7 +201,8 @@ def _solve_among(
 ) -> Any:
     """The equilibrium of one mechanism among walls; without friction in a slot, if it passes through none."""
     walls = walls_of(surroundings, mechanism)
-    if before[1] is None or not (mechanism.has_friction or has_wall_friction(walls)):
+    frictionless = before[1] is None or not (mechanism.has_friction or has_wall_friction(walls))
+    if frictionless and len(walls.rigid) == 1:
         slot, spares = spare_slot(mechanism, len(table), walls=walls)
         slot.enter(law, table, angles)
         slot.enter_way(base_of(base), *before)

@@ -66,8 +66,8 @@ class Candidates:
         return np.clip(np.where(pressed & (side == old_side), state, 0.0) + slid, -1.0, 1.0)
 
     def wrenches(self, poses, bases, forces, states):
-        """(force, moment about the origin of the base frame) on every link, (B, n, 2) and (B, n)."""
-        force, moment = np.zeros((*poses.shape[:2], 2)), np.zeros(poses.shape[:2])
+        """Force and moment about the origin of the base frame on every link, and the sum of its terms' magnitudes."""
+        force, moment, size = np.zeros((*poses.shape[:2], 2)), np.zeros(poses.shape[:2]), np.zeros(poses.shape[:2])
         for c, (link, fields, _, _) in enumerate(self.pairs):
             rows = np.flatnonzero(forces[c] > 0.0)
             if not rows.size:
@@ -80,8 +80,10 @@ class Candidates:
                 gap, way = ((high[number] - low[number]) / (2.0 * _STEPS[axis]) for number in (0, 1))
                 push[:, axis] = forces[c, rows] * (gap - self.mu[c] * states[c, rows] * way)
             force[rows, link] += push[:, :2]
-            moment[rows, link] += push[:, 2] + pose[:, 0] * push[:, 1] - pose[:, 1] * push[:, 0]
-        return force, moment
+            terms = push[:, 2], pose[:, 0] * push[:, 1], -pose[:, 1] * push[:, 0]
+            moment[rows, link] += sum(terms)
+            size[rows, link] += np.abs(terms).sum(axis=0)  # opposite walls press harder than their forces add up to
+        return force, moment, size
 
 
 def edges_of(wall):

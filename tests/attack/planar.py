@@ -133,10 +133,10 @@ class PlanarGeometry:
         """(tensions of every gap, friction states, slips); without a history the motor's in every gap."""
         return gap_tensions(self, cuts, motor, before)
 
-    def imbalance(self, cuts, table, tensions, before=None, outside=(0.0, 0.0)):
+    def imbalance(self, cuts, table, tensions, before=None, outside=(0.0, 0.0, 0.0)):
         """(torque that is not balanced, sum of its terms, contact force along the normal), (B, J) each.
 
-        outside: further force and moment about the origin on every link.
+        outside: further force and moment about the origin on every link, and the sum of the moment's terms.
         """
         force, moment = self.wrenches(table, cuts.poses)
         force, moment = force + outside[0], moment + outside[1]
@@ -145,6 +145,7 @@ class PlanarGeometry:
         levers = cross(cuts.above - cuts.contacts[:, :, None], tendon)
         torque = about - cross(cuts.contacts, beyond) + levers.sum(axis=2)
         size = np.abs(about) + np.abs(cross(cuts.contacts, beyond)) + np.abs(levers).sum(axis=2) + tensions.sum(axis=2)
+        size = size + np.cumsum((outside[2] + np.zeros_like(moment))[:, :0:-1], axis=1)[:, ::-1]
         normal = -np.einsum("bia,bia->bi", beyond + tendon.sum(axis=2), cuts.normals)
         arm = self.chain.friction.rolling if before is not None and self.chain.friction else 0.0
         if arm > 0.0:

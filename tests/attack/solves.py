@@ -45,7 +45,7 @@ class Case:
     starts: Any
     limits: tuple[float, float]
     before: Any = None  # the equilibria of the step before
-    outside: Any = None  # forces and moments of walls on every link, (B, n, 2) and (B, n)
+    outside: Any = None  # forces and moments of walls on every link, (B, n, 2) and (B, n), and sums of terms, (B, n)
 
     def solve(self, rows=slice(None)):
         """The equilibria of some rows."""
