@@ -55,7 +55,7 @@ class Around:
 
 
 @dataclass(frozen=True)
-class Scene:
+class WallScene:
     """Surroundings, and the pose of the base among them before it is pushed in: x, y [mm], angle [rad]."""
 
     surroundings: Surroundings
@@ -120,7 +120,7 @@ def _points(wall: Disc | Capsule | Polygon) -> Array:
     return np.array([getattr(wall, name) for name in points] if points else wall.points)  # type: ignore[union-attr]
 
 
-def scenes(mechanism: Any, of_files: Mapping[str, Scene] | None = None) -> dict[str, Scene]:
+def scenes(mechanism: Any, of_files: Mapping[str, WallScene] | None = None) -> dict[str, WallScene]:
     """What can be around a planar chain: scenes of files first, then those that come with the viewer."""
     length, wide = float(mechanism.length), max(half_width(link) for link in mechanism.links)
     radius = 1.35 * wide
@@ -130,4 +130,4 @@ def scenes(mechanism: Any, of_files: Mapping[str, Scene] | None = None) -> dict[
     disc = Disc((0.2 * length + wide, 0.7 * length), 0.1 * length)
     plane = HalfPlane((-1.0, 0.0), -0.15 * length - wide)
     own: dict[str, list[Wall]] = {"an obstacle": [disc], "a lumen": [lumen], "a flat wall": [plane]}
-    return {**(of_files or {}), **{name: Scene(Surroundings(walls)) for name, walls in own.items()}}
+    return {**(of_files or {}), **{name: WallScene(Surroundings(walls)) for name, walls in own.items()}}

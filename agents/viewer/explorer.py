@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from agents.viewer.around import NO_WALLS, Around, Scene, scenes
+from agents.viewer.around import NO_WALLS, Around, WallScene, scenes
 from rollingjoint import (
     PRESETS,
     CapstanFriction,
@@ -77,7 +77,7 @@ class Explorer:
         files: scenes of files of surroundings, by name.
     """
 
-    def __init__(self, mechanism: Any, name: str = "", files: Mapping[str, Scene] | None = None) -> None:
+    def __init__(self, mechanism: Any, name: str = "", files: Mapping[str, WallScene] | None = None) -> None:
         self.nominal, self.name = mechanism, name or mechanism.name or "mechanism"
         self.flat, self.in_space = isinstance(mechanism, RollingChain), isinstance(mechanism, SpatialChain)
         self.scenes = scenes(mechanism, files) if self.flat else {}
@@ -139,7 +139,7 @@ class Explorer:
         return {"surroundings": scene.walls(around), "base": scene.base_at(around)}
 
     @property
-    def scene(self) -> Scene | None:
+    def scene(self) -> WallScene | None:
         """The scene that is around the chain."""
         return self.scenes.get(self.inputs.around.walls)
 

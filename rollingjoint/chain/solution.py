@@ -95,8 +95,10 @@ class _LazyWalls:
         if "_around" not in values:
             return None
         (walls, jumped), (_, memory, places) = values["_around"], values["_outputs"]
-        arrays = (np.ndarray(places[name][0], float, memory, places[name][1]) for name in WALL_OUTPUTS)
-        values["walls"] = WallStep(walls, 0, *arrays, 0.0, jumped)
+        base, gaps, normals, states, forces = (
+            np.ndarray(places[name][0], float, memory, places[name][1]) for name in WALL_OUTPUTS
+        )
+        values["walls"] = WallStep(walls, 0, base, gaps, normals, states, forces, 0.0, jumped)
         return values["walls"]
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.viewer.around import NO_WALLS, Around, Scene
+from agents.viewer.around import NO_WALLS, Around, WallScene
 from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import among_walls_view, look, mechanism_view
 from agents.viewer.choice import ButtonRow
@@ -57,7 +57,7 @@ class Explore:
     name: ClassVar[str] = "Explore"
 
     def __init__(
-        self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS), scenes: Mapping[str, Scene] | None = None
+        self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS), scenes: Mapping[str, WallScene] | None = None
     ) -> None:
         self.client, self.gui, self.mechanisms = client, client.gui, named(mechanisms)
         self.scenes = scenes or {}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.view import main
-from agents.viewer.around import FARTHEST, Around, Scene
+from agents.viewer.around import FARTHEST, Around, WallScene
 from agents.viewer.explorer import LENGTHS, Explorer
 from agents.viewer.rooms.explore import PER_NEWTON, PRESSED, STICKS
 from rollingjoint import (
@@ -55,7 +55,7 @@ def test_what_is_pushed_in_is_the_equilibrium_that_solvers_reach_on_the_way():
 
 
 def test_the_nearest_wall_is_told_where_none_is_touched():
-    explorer = explorer_in("mine", Scene(Surroundings([HalfPlane((0, -1), -140.0)], Sleeve(5.0))))
+    explorer = explorer_in("mine", WallScene(Surroundings([HalfPlane((0, -1), -140.0)], Sleeve(5.0))))
     assert explorer.found.wall_gaps.min() == pytest.approx(140.0 - 97.5 - 5.0)
     assert f"the nearest {explorer.found.wall_gaps.min():.1f} mm away" in explorer.wall_line
 
@@ -71,7 +71,7 @@ def test_contacts_stick_where_the_way_turns_back_and_slip_after():
 
 def test_walls_get_to_their_places_in_steps():
     lumen = Lumen([40, 40], [0.01, 0], 15)
-    scene = Scene(Surroundings([HalfPlane((1, 0), -80), Disc((40, 60), 5), lumen]))
+    scene = WallScene(Surroundings([HalfPlane((1, 0), -80), Disc((40, 60), 5), lumen]))
     begin = scene.begun("mine")
     assert scene.steps(begin, replace(begin, moved=((3.0, 4.0),))) == math.ceil(5.0 / FARTHEST)
     assert scene.steps(begin, replace(begin, feed=-7.0)) == 4
@@ -82,7 +82,7 @@ def test_walls_get_to_their_places_in_steps():
 
 def test_obstacles_of_every_kind_are_moved_and_laws_changed():
     walls = [Disc((1, 2), 3), Capsule((0, 0), (4, 0), 1), Polygon([(0, 0), (3, 0), (0, 3)]), HalfPlane((1, 0))]
-    scene = Scene(Surroundings(walls))
+    scene = WallScene(Surroundings(walls))
     around = replace(scene.begun("mine"), moved=((1, 1), (2, 0), (0, 3)), stiffness=5.0, friction=0.3)
     disc, capsule, polygon, plane = scene.walls(around).walls
     assert disc.centre == (2, 3) and (capsule.first, capsule.second) == ((2, 0), (6, 0))
@@ -93,7 +93,7 @@ def test_obstacles_of_every_kind_are_moved_and_laws_changed():
 
 
 def test_a_lumen_that_cannot_be_bent_so_far_changes_nothing():
-    scene = Scene(Surroundings([Lumen([60, 40], [0.03, 0], 18)]))
+    scene = WallScene(Surroundings([Lumen([60, 40], [0.03, 0], 18)]))
     explorer = explorer_in("mine", scene)
     before = explorer.inputs
     with pytest.raises(InvalidInput, match="the bend radius of piece 0"):
@@ -102,7 +102,7 @@ def test_a_lumen_that_cannot_be_bent_so_far_changes_nothing():
 
 
 def test_a_turned_base_turns_poses_forces_and_reach():
-    scene = Scene(Surroundings([HalfPlane((0, 1), -16.0, stiffness=5.0)]), TURNED)
+    scene = WallScene(Surroundings([HalfPlane((0, 1), -16.0, stiffness=5.0)]), TURNED)
     explorer = explorer_in("mine", scene)
     explorer.change(tensions=(3.0, 6.0, 3.0, 6.0), force=(0.1, 0.2))
     poses = explorer.poses(explorer.found)
@@ -128,7 +128,7 @@ def test_a_step_that_ends_in_another_pose_is_told():
 
 def test_rigid_walls_without_room_are_told():
     walls = [HalfPlane((1, 0), -9.0), HalfPlane((-1, 0), -9.0)]  # 18 mm for links of 22.6
-    explorer = explorer_in("mine", Scene(Surroundings(walls, rigid=True)))
+    explorer = explorer_in("mine", WallScene(Surroundings(walls, rigid=True)))
     assert explorer.found.status is Status.NO_ROOM and explorer.headline.startswith("⚠ **NO_ROOM**: no room")
     assert explorer.wall_line == "" and explorer.wall_table == []
 
