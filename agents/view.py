@@ -21,7 +21,7 @@ from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.io.surroundings_file import load_surroundings
 
 if TYPE_CHECKING:
-    from agents.viewer.around import Scene
+    from agents.viewer.around import WallScene
     from agents.viewer.episodes import EpisodeSet
     from agents.viewer.server import Rooms
 
@@ -57,7 +57,7 @@ def rooms(
     shelf: Sequence[EpisodeSet] = (),
     searches: Sequence[Path] = (),
     mechanisms: Sequence[str] = (),
-    scenes: Mapping[str, Scene] | None = None,
+    scenes: Mapping[str, WallScene] | None = None,
 ) -> Rooms:
     """All rooms, with these episodes, searches, mechanisms and scenes of walls to choose from.
 
@@ -116,14 +116,14 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
     return 0
 
 
-def _scenes(arguments: argparse.Namespace) -> dict[str, Scene]:
+def _scenes(arguments: argparse.Namespace) -> dict[str, WallScene]:
     """The surroundings of the files, by their names."""
-    from agents.viewer.around import Scene
+    from agents.viewer.around import WallScene
 
     if any(arguments.base) and not arguments.surroundings:
         raise ConfigError("--base", arguments.base, "--surroundings beside it")
     x, y, angle = (as_number("--base", value) for value in arguments.base)
-    return {Path(name).stem: Scene(load_surroundings(name), (x, y, angle)) for name in arguments.surroundings}
+    return {Path(name).stem: WallScene(load_surroundings(name), (x, y, angle)) for name in arguments.surroundings}
 
 
 def _record(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
