@@ -25,6 +25,7 @@ from agents.controllers.among_walls import (
     FollowTheLeader,
     FreeSpacePlan,
     SearchedWay,
+    SeekForce,
     Still,
     WallController,
 )
@@ -37,9 +38,14 @@ CONTROLLERS: dict[str, Callable[[], WallController]] = {
     "feedback, free space": lambda: Feedback(aware=False),
     "feedback, contact*": lambda: Feedback(aware=True),
     "follow the leader*": FollowTheLeader,
+    "seek the force*": SeekForce,
     "searched way*": SearchedWay,
 }
-OF_LUMENS, OF_OTHERS = "follow the leader*", "searched way*"
+UNFIT = {
+    "Lumen": ("seek the force*", "searched way*"),
+    "Obstacles": ("follow the leader*", "seek the force*"),
+    "HiddenWall": ("follow the leader*",),
+}
 
 
 class Policy(WallController):
@@ -118,8 +124,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
     env_id = f"rj_gym/{given.task}-v0"
-    unfit = OF_OTHERS if given.task == "Lumen" else OF_LUMENS
-    every = {name: make for name, make in CONTROLLERS.items() if name != unfit}
+    every = {name: make for name, make in CONTROLLERS.items() if name not in UNFIT[given.task]}
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
     policies = {f"policy {Path(name).name}": (lambda name=name: Policy(name)) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:

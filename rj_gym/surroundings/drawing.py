@@ -79,7 +79,7 @@ def lumen_scene(
     return Scene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
 
 
-class Drawn(Protocol):
+class DrawnTask(Protocol):
     """A task, as far as drawing needs it."""
 
     mechanism: RollingChain
@@ -96,10 +96,10 @@ class Drawn(Protocol):
         """The equilibria at the start."""
 
 
-def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
-    """Targets behind discs, found by a search: a disc is between tip and target, and one way of the commands goes around.
+def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
+    """Targets behind discs, found by a search: a disc is before each, and one way of the commands leads there.
 
-    That way goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
+    It goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
     """
     config: ObstaclesConfig = task.config
     if fixed:
@@ -140,7 +140,7 @@ def _scene_of_discs(config: ObstaclesConfig, discs: Sequence[Disc], target: Arra
     return Scene(discs, config.mu, target, NO_LINE, 0.0, values)
 
 
-def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
+def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
     """Half planes across the way of a straight change of the commands; the target is where the tip presses on that way.
 
     Of a "touch" with the force of the settings; of a "reach" with a drawn one, at most 0.8 of the limit.
@@ -179,7 +179,7 @@ GOALS, VIAS, MOST_STEPS = 4, 32, 45
 """Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
 
 
-def _pulls(task: Drawn, rng: Rng) -> Array:
+def _pulls(task: DrawnTask, rng: Rng) -> Array:
     """Random commands of antagonistic pairs of tendons: a segment bends by its own pair, and by those that pass it."""
     pairs = task.mechanism.n_tendons // 2
     own = rng.uniform(-7.0, 7.0, pairs)
@@ -188,7 +188,7 @@ def _pulls(task: Drawn, rng: Rng) -> Array:
     return task.rest + pulls
 
 
-def _free_way(task: Drawn, ends: Sequence[Array], begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
+def _free_way(task: DrawnTask, ends: Sequence[Array], begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Poses on the way through commands `ends`, (B, m) each, without walls, (steps + 1, B, n, 3); if all were found.
 
     begin: commands at the beginning, default those of the start, (B, m).
@@ -205,15 +205,15 @@ def _free_way(task: Drawn, ends: Sequence[Array], begin: Array | None = None) ->
     return np.array(poses), good
 
 
-def _free(task: Drawn, commands: Array, before: Any) -> Any:
+def _free(task: DrawnTask, commands: Array, before: Any) -> Any:
     return solve_lengths_batch(task.mechanism, commands, (), before, task.config.tension_range)
 
 
-def _discs_on_the_way(task: Drawn, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
+def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
     """Discs, and the number of a way around, (steps, ways, n, 3), that is clear of all of them; None: no such found.
 
-    The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of the
-    way, (2, n, 3).
+    The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of
+    the way, (2, n, 3).
     """
     config: ObstaclesConfig = task.config
     bars = Sleeve(config.sleeve).rows(task.mechanism.links).bars
@@ -257,7 +257,7 @@ def _room(axes: Axes, disc: Disc) -> Array:
     return room
 
 
-def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
+def _reached(task: DrawnTask, scenes: Sequence[Scene]) -> list[bool]:
     """Whether targets are reached by way of other commands, in steps of an episode, touching with 1 N at most."""
     if not scenes:
         return []
@@ -268,7 +268,7 @@ def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
     return list(around.ok & (errors <= 1.0) & (peak <= min(1.0, task.config.force_limit)))
 
 
-def _driven(task: Drawn, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
+def _driven(task: DrawnTask, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
     """The equilibria at the end of a way through commands, in steps of an episode, and the largest forces, (B,) [N]."""
     solution, feed = task.at_rest(walls, ends[0]), np.zeros(len(ends[0]))
     peak, largest = solution.walls.normals.max(axis=1, initial=0.0), task.config.action_scale_mm
@@ -291,7 +291,7 @@ def steps_through(ends: Sequence[Array], largest: float) -> list[Array]:
     return [commands for leg in every for commands in leg]
 
 
-def _straight(task: Drawn, walls: Any, goals: Array) -> Any:
+def _straight(task: DrawnTask, walls: Any, goals: Array) -> Any:
     """The equilibria on a straight change of the commands from the start, (B, m)."""
     begin = np.repeat(task.rest[None], len(goals), axis=0)
     solution, feed = task.at_rest(walls, begin), np.zeros(len(goals))
@@ -301,13 +301,13 @@ def _straight(task: Drawn, walls: Any, goals: Array) -> Any:
         yield solution
 
 
-def _tables(task: Drawn, walls: Sequence[Sequence[Any]]) -> Any:
+def _tables(task: DrawnTask, walls: Sequence[Sequence[Any]]) -> Any:
     """The tables of walls of several episodes, which have equally many of each kind."""
     each = [task.surroundings(one, task.config.mu).arrays(task.mechanism) for one in walls]
     return type(each[0])(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
 
 
-def _wall_across(task: Drawn, places: Array, turn: float, share: float, stiffness: float) -> HalfPlane:
+def _wall_across(task: DrawnTask, places: Array, turn: float, share: float, stiffness: float) -> HalfPlane:
     """A wall that the tip meets at a share of its way, places (K, n, 2), turned from the direction of the way."""
     at = round(share * (len(places) - 1))
     way = places[at, -1] - places[at - 1, -1]
@@ -320,7 +320,7 @@ def _wall_across(task: Drawn, places: Array, turn: float, share: float, stiffnes
 _HALVINGS = 10
 
 
-def _pressing(task: Drawn, walls: Sequence[HalfPlane], goals: Array, forces: Array) -> tuple[Any, Array, Array]:
+def _pressing(task: DrawnTask, walls: Sequence[HalfPlane], goals: Array, forces: Array) -> tuple[Any, Array, Array]:
     """Where the last link alone presses with a force first, on a straight change of the commands.
 
     Returns whether there is such a place, (B,), the tip there, (B, 2), and the commands there, (B, m).

@@ -40,6 +40,7 @@ class Response(NamedTuple):
     scenes: Scenes  # with the targets, (B, 2), and the walls
     commands: Array  # (B, m) mm
     feed: Array  # (B,) mm
+    wall_force: Array  # largest normal force of any contact, (B,) N
     pose_rates: Array  # d poses / d action, (B, n, 3, a)
     free_tip_rates: Array  # d tip / d action without the walls at this pose and these tensions, (B, 2, a)
 
@@ -165,6 +166,12 @@ class SurroundingsTask(Task):
         """The equilibria under commands, (B, m) [mm], without walls, in the frame of the base."""
         return solve_lengths_batch(self.mechanism, commands, (), before, self.config.tension_range)
 
+    def forces(self, solution: Any) -> Array:
+        """The largest normal force of any contact in every lane, (B,) [N]."""
+        if solution.walls is None:
+            return np.zeros(len(solution.poses))
+        return np.asarray(solution.walls.normals.max(axis=1, initial=0.0))
+
     def response(self, solution: Any, feed: Array, scenes: Scenes) -> Response:
         """How equilibria at these feeds, (B,) [mm], answer actions.
 
@@ -177,7 +184,7 @@ class SurroundingsTask(Task):
         commands = unstretched_length(solution.lengths, solution.tensions, self.mechanism.stiffnesses)
         free_rates = self._pose_rates(free)
         rates = free_rates if free is solution else self._pose_rates(solution)
-        return Response(poses, scenes, commands, feed.copy(), rates, free_rates[:, -1, :2])
+        return Response(poses, scenes, commands, feed.copy(), self.forces(solution), rates, free_rates[:, -1, :2])
 
     def _pose_rates(self, solution: Any) -> Array:
         """d poses in the frame of the base at the start / d action, (B, n, 3, a)."""
