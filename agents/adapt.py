@@ -1,5 +1,7 @@
 """Adapt controllers to robots outside the training distribution: rj adapt --controller "probing bank" --robots 3.
 
+With --recording FILE the robot is a rig: no score, the adapted policies and the identification go into --policies.
+
 A robot spends some episodes on the bench and is identified; every controller is adapted to it in simulation, and scored
 in the robot's episodes before and after: docs/robots.md.
 """
@@ -10,6 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--controller", action="append", required=True, metavar="NAME", help=NAMED)
     parser.add_argument("--robots", type=int, default=10, help="how many, 1 to 50 (default %(default)s)")
     parser.add_argument("--robot", type=int, action="append", metavar="K", help="only this one; repeatable")
+    parser.add_argument(
+        "--recording", type=Path, metavar="FILE", help="of a rig, which no robot of the test bed stands for"
+    )
     parser.add_argument("--development", action="store_true", help="other robots, on which anything may be tried")
     parser.add_argument("--episodes", type=int, default=20, help="of every robot on the bench (default %(default)s)")
     parser.add_argument("--sees", choices=("tip", "nothing"), default="tip", help="a camera on the bench; default: tip")
@@ -47,6 +53,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.adaptation.robot import robot
     from agents.adaptation.trial import TrialPlan, adaptable, leads, trial_table, tried
 
+    if arguments.recording:
+        return _adapt_to_rig(arguments)
     plan = TrialPlan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
     numbers = _numbers(arguments)
     controllers = {_short(name): adaptable(name) for name in arguments.controller}
@@ -57,6 +65,37 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     print(f"{trial_table(trials)}\nlast 10 steps, {plan.scored} episodes of every robot; intervals over robots")
     if len(controllers) > 1:
         print(f"After adapting:\n{leads(trials)}")
+    return 0
+
+
+def _adapt_to_rig(arguments: argparse.Namespace) -> int:
+    """Identify a rig from its recording, adapt policies to it and write them."""
+    from agents.adaptation.trial import TrialPlan, adaptable, adapted_to_rig
+    from agents.policies.file import SUFFIX
+    from agents.policies.loading import list_policies, load_policy
+    from agents.policies.shipped import ShippedPolicy
+    from agents.runs.files import write_bytes
+    from rollingjoint.errors import ConfigError
+    from rollingjoint.identify import read_recording, save_rig
+    from rollingjoint.identify.rig_files import rig_report
+
+    if arguments.policies is None:
+        raise ConfigError("--policies", None, "a folder for what --recording makes", "Add --policies FOLDER.")
+    controllers = {_short(name): adaptable(name) for name in arguments.controller}
+    for name in set(controllers) & set(list_policies()):  # of these the newest, for motors of rigs
+        controllers[name] = replace(controllers[name], controller=load_policy(name))
+    for name, candidate in controllers.items():
+        if not isinstance(candidate.controller, ShippedPolicy):
+            raise ConfigError("--controller", name, "a policy, which can be written, with --recording")
+    found, policies = adapted_to_rig(
+        read_recording(arguments.recording), controllers, TrialPlan(updates=arguments.updates)
+    )
+    save_rig(found, arguments.policies)
+    print(rig_report(found))
+    for name, policy in policies.items():
+        path = arguments.policies / f"{name.replace('/', '_')}_rig{SUFFIX}"
+        write_bytes(path, policy.to_bytes())
+        print(f"adapted: {path}")
     return 0
 
 

@@ -18,13 +18,14 @@ from agents.runs.checks import job_count
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from agents.runs.ready_made import CAMPAIGN, configuration_file
+from agents.runs.ready_made import CAMPAIGN, add_list, configuration_file
 from agents.training.campaign import Campaign, load_campaign
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj campaign", description="Train many runs.")
+    add_list(parser, CAMPAIGN)
     parser.add_argument("campaign", help="YAML file, or the name of one of configs/campaign/")
     parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
     add_options(parser, "runs")

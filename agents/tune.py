@@ -21,12 +21,13 @@ from agents.executors.options import add_options
 from agents.runs.checks import optional
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
-from agents.runs.ready_made import TUNE, configuration_file
+from agents.runs.ready_made import TUNE, add_list, configuration_file
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 searched, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj tune", description="Search hyper-parameters.")
+    add_list(parser, TUNE)
     parser.add_argument(
         "--config", help="YAML file, or the name of one of configs/tune/; not needed to continue a study"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,15 +15,20 @@ from agents.runs.command_line import exit_code
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
 from rollingjoint import PRESETS
+from rollingjoint.checks import as_number
 from rollingjoint.errors import ConfigError, MissingPackage, naming_extras
 from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.io.surroundings_file import load_surroundings
 
 if TYPE_CHECKING:
+    from agents.viewer.around import Scene
     from agents.viewer.episodes import EpisodeSet
     from agents.viewer.server import Rooms
 
 EPISODES = "a file or dataset of recorded episodes, or a shipped policy by name; repeatable"
 RECORD = "write one page that plays an episode without a server, and end"
+AROUND = "YAML file with walls around planar chains, to explore; repeatable"
+BASE = "pose of the base among the walls of files [mm, rad] (default 0 0 0)"
 EXPOSED = "allow addresses that other machines can reach"
 
 
@@ -31,6 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 130 stopped by Ctrl-C, 2 an error."""
     parser = argparse.ArgumentParser(prog="rj view", description="Mechanisms in a browser.")
     parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
+    parser.add_argument("--surroundings", action="append", default=[], metavar="FILE", help=AROUND)
+    parser.add_argument("--base", nargs=3, type=float, default=[0.0] * 3, metavar=("X", "Y", "ANGLE"), help=BASE)
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
     parser.add_argument("--episodes", action="append", default=[], help=EPISODES)
@@ -46,8 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
-def rooms(shelf: Sequence[EpisodeSet] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:
-    """All rooms, with these episodes, searches and mechanisms to choose from.
+def rooms(
+    shelf: Sequence[EpisodeSet] = (),
+    searches: Sequence[Path] = (),
+    mechanisms: Sequence[str] = (),
+    scenes: Mapping[str, Scene] | None = None,
+) -> Rooms:
+    """All rooms, with these episodes, searches, mechanisms and scenes of walls to choose from.
 
     Designs is left out where no search is given and the packages that it needs, of the extra `search`, are missing.
 
@@ -63,7 +75,7 @@ def rooms(shelf: Sequence[EpisodeSet] = (), searches: Sequence[Path] = (), mecha
         load_mechanism(name)
     names = tuple(dict.fromkeys([*mechanisms, *PRESETS]))
     offered: Rooms = {
-        Explore.name: partial(Explore, mechanisms=names),
+        Explore.name: partial(Explore, mechanisms=names, scenes=scenes),
         Control.name: Control,
         Replay.name: partial(Replay, shelf=shelf),
     }
@@ -93,7 +105,7 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
 
     check_host(arguments.host, arguments.exposed)
     port = integer(0, 65_535)("--port", arguments.port)
-    all_rooms = rooms(shelf, arguments.search, arguments.mechanism)
+    all_rooms = rooms(shelf, arguments.search, arguments.mechanism, _scenes(arguments))
     first = load_mechanism(next(iter([*arguments.mechanism, *PRESETS])))
     viewer = Viewer(all_rooms, arguments.host, port, arguments.exposed, mechanism_view(first))
     print(f"Open {viewer.url} in a browser; Ctrl-C stops.", flush=True)
@@ -102,6 +114,16 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
     finally:
         viewer.stop()
     return 0
+
+
+def _scenes(arguments: argparse.Namespace) -> dict[str, Scene]:
+    """The surroundings of the files, by their names."""
+    from agents.viewer.around import Scene
+
+    if any(arguments.base) and not arguments.surroundings:
+        raise ConfigError("--base", arguments.base, "--surroundings beside it")
+    x, y, angle = (as_number("--base", value) for value in arguments.base)
+    return {Path(name).stem: Scene(load_surroundings(name), (x, y, angle)) for name in arguments.surroundings}
 
 
 def _record(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:

@@ -1,8 +1,9 @@
 """Processor time and success of the inverse, beside forward solves and SciPy's least_squares on the same problems.
 
-Run: python benchmarks/inverse.py [--targets N] [--seed N]
+Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N]
 Targets are tips of stable equilibria under uniform random tensions within the limits, and a force on the tip. From a
 neighbour: from the solution for one target to the tip under tensions that differ from its own a little.
+With --paths: plans along paths of 41 tips under tensions between two random ones, and a force along -y or -z.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ HEAD = (
     *("mechanism", "targets", "in a batch [µs]", "reached", "forward [µs]"),
     *("from a neighbour [µs]", "reached", "forward [µs]", "least_squares [µs]", "reached"),
 )
+PLAN_HEAD = (
+    *("mechanism", "paths", "followed", "with a detour", "snapped", "missed", "solves per step", "ms per step"),
+    *("lengths by reach: followed", "snapped"),
+)
+PLAN_LIMITS, PLAN_TARGETS, JUMP = (0.2, 8.0), 41, 0.2  # N, targets per path, rad
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -40,8 +46,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--targets", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--paths", type=int, help="plan this many paths per mechanism in place of that")
     args = parser.parse_args(argv)
     rj.set_threads(1)
+    if args.paths is not None:
+        print(markdown_table(PLAN_HEAD, [plans(name, args.paths, args.seed) for name in list(CHAINS)[:4]]))
+        return
     rows = [row(name, max(1, int(share * args.targets)), args.seed) for name, share in CHAINS.items()]
     print(markdown_table(HEAD, rows))
 
@@ -83,6 +93,43 @@ def row(name: str, count: int, seed: int) -> list[str]:
     reached, warm_reached = f"{np.mean(many.ok):.3%}", f"{np.mean(neighbours):.1%}"
     figures = in_batch, reached, forward_us, one, warm_reached, one_forward, scipy, f"{scipy_reached:.0%}"
     return [name, f"{len(tips):,}", *figures]
+
+
+def plans(name: str, count: int, seed: int) -> list[str]:
+    """Figures of plans of one mechanism, beside lengths that `reach` gives at one target after the other."""
+    chain, rng = rj.preset(name), np.random.default_rng(seed)
+    loads = [rj.WorldForce(-1, (*[0.0] * (chain.dimension - 1), -FORCE))]
+    shares = np.linspace(0.0, 1.0, PLAN_TARGETS)[:, None]
+    results, alone, seconds = [], [], 0.0
+    while len(results) < count:
+        first, last = rng.uniform(*PLAN_LIMITS, (2, chain.n_tendons))
+        drawn = rj.trace(chain, first + shares * (last - first), loads, given="tensions").require()
+        path = drawn.tip
+        if jumps(drawn):  # under these tensions: no path
+            continue
+        plan, time_taken = timed(lambda path=path: rj.plan_path(chain, path, loads, PLAN_LIMITS, step=1e9))
+        results.append(plan)
+        seconds += time_taken
+        there = [rj.reach(chain, path[0], loads, PLAN_LIMITS)]
+        for tip in path[1:]:
+            there.append(rj.reach(chain, tip, loads, PLAN_LIMITS, start=there[-1]))
+        way = rj.trace(chain, [one.lengths for one in there], loads, tension_limits=PLAN_LIMITS)
+        near = np.abs(way.tip - path).max() < 1e-3
+        alone.append((near, jumps(way)))
+    steps = sum(len(plan.times) for plan in results)
+    kinds = [
+        sum(plan.ok for plan in results),
+        *(sum(bool((plan.status == code).any()) for plan in results) for code in (2, 3, 1)),
+    ]
+    followed, snapped = (sum(bool(each[k]) for each in alone) for k in (0, 1))
+    solves = sum(plan.solves for plan in results) / steps
+    figures = [f"{solves:.1f}", f"{1e3 * seconds / steps:.2f}", str(followed), str(snapped)]
+    return [name, str(count), *map(str, kinds), *figures]
+
+
+def jumps(way: Any) -> bool:
+    """Whether a joint turns by more than JUMP in any step."""
+    return bool(np.abs(np.diff(way.joint_angles, axis=0)).max() > JUMP)
 
 
 def by_scipy(chain: Any, loads: Any, tips: np.ndarray) -> tuple[float, float]:

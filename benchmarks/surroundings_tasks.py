@@ -11,7 +11,6 @@ instrument sees is marked with a star. --film FILE.gif writes an animation of th
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -70,7 +69,7 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     envs = gymnasium.make_vec(env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings)
     observations, infos = envs.reset(seed=FIRST_SEED)
     controller.begin(envs.unwrapped, infos)
-    returns, early, begun = np.zeros(episodes), np.zeros(episodes, bool), time.process_time()
+    returns, early = np.zeros(episodes), np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
     for _ in range(envs.unwrapped.config.episode_steps):
@@ -89,8 +88,7 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     return (
         f"| {name} | {error.mean():.1f}, {np.median(error):.1f} | {100 * np.mean(error <= limit):.0f} % "
         f"| {peak.mean():.2f}, {np.percentile(peak, 95):.2f} | {100 * final['path_ratio'].mean():.0f} % "
-        f"| {100 * final['success'].mean():.0f} % | {returns.mean():.1f} | {early.sum()} "
-        f"| {time.process_time() - begun:.0f} s |"
+        f"| {100 * final['success'].mean():.0f} % | {returns.mean():.1f} | {early.sum()} |"
     )
 
 
@@ -131,9 +129,9 @@ def main() -> None:
         settings: dict[str, Any] = {"families": [family]} if family else {}
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
         print(
-            "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended | |"
+            "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
         )
-        print("|---|--:|--:|--:|--:|--:|--:|--:|--:|")
+        print("|---|--:|--:|--:|--:|--:|--:|--:|")
         for name, make in (every | policies).items():
             print(row(env_id, name, make(), given.episodes, settings), flush=True)
     if given.film or given.picture:

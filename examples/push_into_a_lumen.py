@@ -14,7 +14,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 import rollingjoint as rj
-from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts, save_figure
+from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts, save_figure, save_wall_film
 from rollingjoint.tables import text_table
 
 LUMEN = rj.Lumen.through([(0, 0), (55, 0), (90, 30), (150, 30)], radii=8.0, bend_radius=35.0, stiffness=2.0)
@@ -42,6 +42,8 @@ def main(argv: list[str] | None = None) -> None:
     for name, figure in figures.items():
         print(f"wrote {save_figure(figure, out / f'{name}.png', dpi=110)}")
         pyplot.close(figure)
+    film = save_wall_film(shown[: BACK + 1], FEEDS[: BACK + 1], out / "surroundings_push.gif")
+    print(f"wrote {film}")
 
 
 def lying_axes() -> Axes:

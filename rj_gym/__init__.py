@@ -5,7 +5,7 @@ rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
 arm with the tip not seen), versions -v1 of these last five with the motors of a rig, rj_gym/PitchYaw-v0 (rolling joints
 about alternating axes in space), rj_gym/Lumen-v0, rj_gym/Obstacles-v0 and rj_gym/HiddenWall-v0 (planar chains among
-walls), and rj_gym/CurvatureDesign-v0, which needs torch and is imported when it is first asked for.
+walls), rj_gym/CurvatureDesign-v0 and rj_gym/CoDesign-v0, which need torch and are imported when one is first asked for.
 
 Modules:
     core: shared by all tasks.
@@ -109,10 +109,10 @@ from rj_gym.tracking.worlds import (
 from rj_gym.vector_checker import check_vector_env
 
 if TYPE_CHECKING:
-    from rj_gym.design.config import DesignConfig, DesignRewardConfig
-    from rj_gym.design.env import CurvatureDesignEnv
+    from rj_gym.design.config import CoDesignConfig, CoDesignRewardConfig, DesignConfig, DesignRewardConfig
+    from rj_gym.design.env import CoDesignEnv, CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
-    from rj_gym.design.vector import CurvatureDesignVectorEnv
+    from rj_gym.design.vector import CoDesignVectorEnv, CurvatureDesignVectorEnv
 
 __all__ = [
     "DESIGN_IDS",
@@ -129,6 +129,10 @@ __all__ = [
     "ArmRandomizationConfig",
     "ArmRewardConfig",
     "ArmTargetConfig",
+    "CoDesignConfig",
+    "CoDesignEnv",
+    "CoDesignRewardConfig",
+    "CoDesignVectorEnv",
     "CurvatureDesignEnv",
     "CurvatureDesignVectorEnv",
     "DesignConfig",
@@ -226,6 +230,7 @@ def privileged_entries(config: TaskConfig) -> list[Entry]:
 _LATE = {
     **{name: module for row in TABLE if row.family == "design" for name, module in row.classes.items()},
     "DesignRewardConfig": "rj_gym.design.config",
+    "CoDesignRewardConfig": "rj_gym.design.config",
     "design_observation_entries": "rj_gym.design.observation",
 }
 

@@ -96,6 +96,7 @@ _FIRST = tuple(
         ("LatePose", "planar", "LatePoseConfig", "worlds"),
         ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
         ("CurvatureDesign", "design", "DesignConfig"),
+        ("CoDesign", "design", "CoDesignConfig"),
         ("Lumen", "surroundings", "LumenConfig"),
         ("Obstacles", "surroundings", "ObstaclesConfig"),
         ("HiddenWall", "surroundings", "HiddenWallConfig"),

@@ -95,11 +95,12 @@ class Canvas:
         self._origin = np.array([0.5 * SIZE[0], 0.84 * SIZE[1]]) * SUPERSAMPLING
         self.unit = length / 100  # mm of line width per mm on a mechanism of 100 mm
 
-    def begin(self, base: Link) -> None:
-        """An empty picture: the grid, and the fixed link on its ground."""
+    def begin(self, base: Link | None = None) -> None:
+        """An empty picture: the grid, and the fixed link on its ground where it is one in the plane."""
         self._surface.fill(BACKGROUND)
         self._grid()
-        self._base(base)
+        if base is not None:
+            self._base(base)
 
     def finished(self) -> pygame.Surface:
         """The drawing, at the picture's size."""

@@ -21,6 +21,7 @@ Modules:
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
     mujoco: mechanisms as MuJoCo models.
+    plan: tendon lengths over time along a path of targets.
     plotting: pictures with matplotlib.
     profile: contact surfaces and their curvature.
     spatial: second opinions on arms.
@@ -57,8 +58,9 @@ from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.inverse import Reach, ReachStatus, all_solutions, reach, reach_batch
+from rollingjoint.inverse import Reach, ReachStatus, Workspace, all_solutions, reach, reach_batch, workspace
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
+from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.statics import sensitivity
 from rollingjoint.statics.loop import Loop, trace_loop
@@ -102,6 +104,8 @@ __all__ = [
     "Lumen",
     "MechanismError",
     "OnSurface",
+    "Plan",
+    "PlanStatus",
     "PointHinge",
     "Polygon",
     "Problem",
@@ -124,12 +128,14 @@ __all__ = [
     "Tendon",
     "TorsionSpring",
     "WallFriction",
+    "Workspace",
     "WorldForce",
     "all_solutions",
     "five_link",
     "flexible_arm",
     "pitch_yaw",
     "pitch_yaw_two_segment",
+    "plan_path",
     "prepare",
     "preset",
     "reach",
@@ -145,4 +151,5 @@ __all__ = [
     "trace_loop",
     "two_segment",
     "uniform",
+    "workspace",
 ]

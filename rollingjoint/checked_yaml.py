@@ -112,22 +112,26 @@ def parse_yaml(text: str, where: str) -> object:
 
 def read_yaml(path: Path) -> object:
     """Content of a YAML file; as parse_yaml, and ConfigError for a file that cannot be read."""
+    return parse_yaml(read_text(path, "YAML text"), str(path))
+
+
+def read_text(path: Path, kind: str) -> str:
+    """Text of a file of at most LARGEST_FILE bytes; ConfigError, which names its kind, for one that cannot be read."""
     try:
         if path.exists() and not path.is_file():
-            raise ConfigError("file", str(path), "a file of YAML text, no folder or device")
+            raise ConfigError("file", str(path), f"a file of {kind}, no folder or device")
         with path.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             size = path.stat().st_size
-            raise ConfigError(f"size of {path}", size, f"at most {LARGEST_FILE:,} bytes of YAML text")
-        text = content.decode().replace("\r\n", "\n")
+            raise ConfigError(f"size of {path}", size, f"at most {LARGEST_FILE:,} bytes of {kind}")
+        return content.decode().replace("\r\n", "\n")
     except ConfigError:
         raise
     except OSError as error:  # its text would repeat the path, however long it is
-        raise ConfigError("file", str(path), "readable YAML text", error.strerror or "") from None
+        raise ConfigError("file", str(path), f"readable {kind}", error.strerror or "") from None
     except ValueError as error:
-        raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
-    return parse_yaml(text, str(path))
+        raise ConfigError("file", str(path), f"readable {kind}", str(error)) from None
 
 
 def dump_yaml(values: Mapping[str, Any]) -> str:

@@ -52,6 +52,7 @@ _EXTRAS = {  # of pyproject.toml, and the packages that they bring; of several t
     "data": ("minari", "h5py"),
     "video": ("moviepy",),
     "track": ("wandb",),
+    "rig": ("dynamixel_sdk",),
     "view": ("viser", *_PLOT),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d", *_PLOT),
 }

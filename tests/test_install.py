@@ -24,7 +24,7 @@ PAGE = (ROOT / "docs/install.md").read_text("utf-8")
 DISTRIBUTIONS = {"PIL": "pillow", "h5py": "minari[hdf5]", "minari": "minari[hdf5]"}
 DRAWING = ("matplotlib", "PIL", "pygame")
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
-NOT_LOCKED = {"video", "track"}  # 250 MB whose tests need none of it
+NOT_LOCKED = {"video", "track", "step"}  # 250 MB whose tests need none of it
 LOCKED = ("constraints.txt", ".ci/uv.txt", ".ci/wheel.txt")
 ENTRY = re.compile(
     r"(\S+==[^;\\]+(?: ; [^\\]+)?) \\\n((?:    --hash=sha256:[0-9a-f]{64} \\\n)*    --hash=sha256:[0-9a-f]{64})\n"

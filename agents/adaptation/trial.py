@@ -12,8 +12,8 @@ import numpy as np
 
 from agents.adaptation.bench import record
 from agents.adaptation.controllers import InstrumentController, instrument_controller
-from agents.adaptation.driving import WORLD, score_on_robots
-from agents.adaptation.identify import EVALUATIONS, Identified, identify
+from agents.adaptation.driving import WORLD, rig_settings, score_on_robots
+from agents.adaptation.identify import Identified, identify, identify_recording
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import Robot
 from agents.adaptation.tuning import tuned
@@ -28,6 +28,8 @@ from agents.runs.command_line import progress_bar
 from agents.runs.folder import RunFolder
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError
+from rollingjoint.identify import IdentifiedRig, RigRecording
+from rollingjoint.identify.rig import EVALUATIONS
 from rollingjoint.tables import text_table
 
 Say = Callable[[str], object]
@@ -129,6 +131,21 @@ def adapted(
         with progress_bar(plan.tries, " tries", leave=False) as bar:
             return replace(candidate, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
     return replace(candidate, controller=Informed(candidate.controller, identified))
+
+
+def adapted_to_rig(
+    recording: RigRecording, policies: Mapping[str, InstrumentController], plan: TrialPlan
+) -> tuple[IdentifiedRig, dict[str, ShippedPolicy]]:
+    """The identified rig, and policies that were trained on with the motors and sensors of rigs as it may be."""
+    with progress_bar(EVALUATIONS, " evaluations", leave=False) as bar:
+        identified, found = identify_recording(recording, bar.update)
+    results = {}
+    for name, candidate in policies.items():
+        in_rig_world = replace(candidate, settings={**rig_settings(), **candidate.settings})
+        result = adapted(name, in_rig_world, identified, plan).controller
+        assert isinstance(result, ShippedPolicy)
+        results[name] = result
+    return found, results
 
 
 def tried(

@@ -9,6 +9,7 @@ Modules:
     jacobian_feedback: damped resolved rate.
     smith_predictor: the same on the pose that the model predicts from a late picture.
     predictive: the same under the estimated load, and model-predictive control over one step.
+    mpc: model-predictive control over a receding horizon. horizon: its plans, compiled.
     filters: banks of Kalman filters.
     filter_feedback: Jacobian feedback, and predictive control, on their estimates.
     smoother: Jacobian feedback on the estimate of a full-information smoother.
@@ -25,6 +26,7 @@ Modules:
 
 from agents.controllers.controller import Controller, DoNothing, FunctionController, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
+from agents.controllers.mpc import Mpc
 from agents.controllers.open_loop import OpenLoop
 from agents.controllers.predictive import LoadEstimate, Predictive
 from rj_gym.tracking.config import TaskConfig
@@ -35,6 +37,7 @@ __all__ = [
     "FunctionController",
     "JacobianFeedback",
     "LoadEstimate",
+    "Mpc",
     "OpenLoop",
     "Predictive",
     "Reading",
@@ -43,13 +46,14 @@ __all__ = [
 ]
 
 
-NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
+NEED_POSES = ("mpc", "predictive", "load estimate", "jacobian feedback")
 """Those that need measured poses, of all links of a planar chain."""
 
 
 def untuned_controllers(poses: bool = True) -> dict[str, Controller]:
     """A new one of each that needs no tuning, by its name in reports; without `poses`, of those that need none."""
     controllers: dict[str, Controller] = {
+        "mpc": Mpc(),
         "predictive": Predictive(),
         "load estimate": LoadEstimate(),
         "jacobian feedback": JacobianFeedback(),

@@ -89,13 +89,17 @@ def measured_equilibrium(mechanism: RollingChain, reading: Measurement) -> Equil
     Commands are computed from pose and tensions, so actuator offsets do not enter. Tension limits are not applied:
     where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
+    return solve_lengths_batch(mechanism, *balanced(mechanism, reading), reading.joint_angles)
+
+
+def balanced(mechanism: RollingChain, reading: Measurement) -> tuple[Array, Array]:
+    """Commands (B, m) [mm], and load tables (B, n - 1, columns) of moments, under which the measured pose balances."""
     moments = _joint_moments(mechanism, reading)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))
     loads[..., _LINK] = np.arange(1, mechanism.n_links)
     loads[..., _MOMENT] = -np.diff(moments, axis=1, append=0.0)
     lengths = mechanism.tendon_lengths(reading.joint_angles)
-    commands = unstretched_length(lengths, reading.tensions, mechanism.stiffnesses)
-    return solve_lengths_batch(mechanism, commands, loads, reading.joint_angles)
+    return unstretched_length(lengths, reading.tensions, mechanism.stiffnesses), loads
 
 
 def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:

@@ -136,11 +136,15 @@ class PrivilegedFeedback(JacobianFeedback):
         reading = self.read(observations)
         truth = Truth.of(reading)
         model = TRUE_MODELS[type(self.task.mechanism)](reading, truth)
-        way = self.settings.gain * truth.error + self.motion.since_last(reading.target)
         if self.task.config.actuation.limits_vary:
             self.tension_range = tensions_within_margin((self.task.config.tension_range[0], truth.limits))
-        tendons = self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
+        tendons = self.tendon_moves(reading, truth, model)
         moves, settings = np.empty_like(tendons), self.settings
         motors = np.zeros_like(tendons)
         cross_play(tendons, truth.behind, motors, truth.half_widths, settings.dead_band_mm, settings.crossing, moves)
         return pulling_in(moves, self.task.config.action_scale_mm)
+
+    def tendon_moves(self, reading: Reading, truth: Truth, model: Solution) -> Array:
+        """Moves of the tendons from the true state, (B, m) [mm]."""
+        way = self.settings.gain * truth.error + self.motion.since_last(reading.target)
+        return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))

@@ -136,7 +136,7 @@ class SmootherFeedback(FilterFeedback):
         smoothed = self.smoother.take_in(motors, shifts, reading.tensions, *_pictures(reading))
         self._motors = motors
         self._observations.append(reading.observation)
-        self.misfit = smoothed.misfit
+        self.smoothed, self.misfit = smoothed, smoothed.misfit
         failed = np.flatnonzero(self.failed(smoothed))
         estimate = Estimate(*smoothed[1:7])
         for episode in failed.tolist():

@@ -11,6 +11,7 @@ from typing import Any
 from agents.controllers.controller import Controller
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
 from agents.controllers.jacobian_feedback import JacobianFeedback
+from agents.controllers.mpc import FilterMpc, FilterMpcSettings, SmootherMpc, SmootherMpcSettings
 from agents.controllers.open_loop import OpenLoop
 from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform, with_settings
 from agents.controllers.smith_predictor import SmithPredictor
@@ -66,6 +67,19 @@ def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
     def make(settings: Settings) -> Controller:
         filters = {"filter": tuned_settings(env_id, bank)["filter"]}
         return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
+
+    return make
+
+
+def _mpc_in(env_id: str, belief: str) -> Callable[[Settings], Controller]:
+    """Predictive control from the tuned smoother of a world, or from a tuned bank or filter of this name."""
+
+    def make(settings: Settings) -> Controller:
+        base = with_settings(tuned_settings(env_id, belief), settings)
+        if belief != "smoother":
+            return FilterMpc(FilterMpcSettings.from_dict(base))
+        filters = {"filter": tuned_settings(env_id, _FALL_BACK[_LATER.get(env_id, env_id)])["filter"]}
+        return SmootherMpc(SmootherMpcSettings.from_dict(with_settings(filters, base)))
 
     return make
 
@@ -146,6 +160,22 @@ def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
     return Tunable(_smoother_in(env_id, _FALL_BACK[env_id]), space, {"smoother": {"searches": 3}})
 
 
+_PLANS: Space = {
+    "mpc.bend": Uniform(0.0, 1.0),
+    "mpc.fade": Uniform(0.3, 1.0),
+    "feedback.gain": Uniform(0.3, 1.0),
+    "feedback.stiffen": LogUniform(0.003, 1.0),
+    "feedback.damping": LogUniform(0.03, 2.0),
+}
+_PLANS_IN_PLAY: Space = _PLANS | _below(
+    "feedback", {"crossing": Uniform(0.3, 1.2), "dead_band_mm": LogUniform(0.005, 0.2)}
+)
+
+
+def _mpc(env_id: str, belief: str, play: bool = True) -> Tunable:
+    return Tunable(_mpc_in(env_id, belief), _PLANS_IN_PLAY if play else _PLANS)
+
+
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
@@ -220,6 +250,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
         "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
         "smoother": _smoother_of_pictures("rj_gym/SlowCamera-v0", play=False),
+        "mpc": _mpc("rj_gym/SlowCamera-v0", "smoother", play=False),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
@@ -241,6 +272,8 @@ def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
     controllers = dict(_FIRST[first])
     if first in _FALL_BACK:
         controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
+    if "mpc" in controllers:
+        controllers["mpc"] = replace(controllers["mpc"], make=_mpc_in(env_id, "smoother"))
     return controllers
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
+from typing import Any
 
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
@@ -23,6 +25,18 @@ def list_of(kind: str) -> str:
     """The names of the ready-made configurations of a kind, each with the first sentence of its file, one a line."""
     width = max(len(name) for name in names(kind))
     return "\n".join(f"{name:{width}}  {_first_line(_file(kind, name))}" for name in names(kind))
+
+
+def add_list(parser: argparse.ArgumentParser, kind: str) -> None:
+    """Add --list, which prints the ready-made configurations of a kind and ends the command, as --help does."""
+    text = f"name the ready-made configurations (configs/{kind}/) and exit"
+    parser.add_argument("--list", action=_List, nargs=0, const=kind, help=text)
+
+
+class _List(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        print(list_of(str(self.const)))
+        parser.exit()
 
 
 def configuration_file(kind: str, given: str | Path, folder: Path = Path()) -> Path:

@@ -21,7 +21,8 @@ from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
-from agents.runs.ready_made import SEARCH, configuration_file
+from agents.runs.consent import add_consent, consent_of
+from agents.runs.ready_made import SEARCH, add_list, configuration_file
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from rollingjoint.errors import naming_extras
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj search", description="Search designs.")
+    add_list(parser, SEARCH)
     parser.add_argument("config", help="YAML file, or the name of one of configs/search/")
     parser.add_argument(
         "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
@@ -40,8 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
     add_options(parser, "runs")
     parser.add_argument("--force", action="store_true", help="restart existing runs")
+    add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("rj search", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("rj search", argv)), consent_of(arguments))
 
 
 @naming_extras("search")

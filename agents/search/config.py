@@ -21,14 +21,16 @@ class SearchConfig:
 
     Args:
         objectives: a list of {`kind`, `weight`, `scale`} and fields of the kind; weight 0: only measured; scale 1 by
-            default, or `reference`: the value of the reference mechanism.
+            default, or `reference`: the value of the reference mechanism. Kinds of your own: MODULE:NAME.
         methods: settings by name of a method.
         space: fields of `rollingjoint.design.DesignSpace`, by default five equal, symmetric links; with `kind: space`
-            those of `rollingjoint.design.SpatialDesignSpace`.
+            those of `rollingjoint.design.SpatialDesignSpace`; with `mechanism`, a preset or the path of a file, the
+            fields of `rollingjoint.design.MechanismSpace`.
         limits: a list of {`kind`, `low`, `high`} and fields of the kind; the bound `reference`: the value of the
             reference mechanism.
         held_out: by kind of objective, fields that differ when the best designs are scored again.
-        reference: the mechanism to compare with, a preset or the path of a mechanism file.
+        reference: the mechanism to compare with, a preset or the path of a mechanism file; by default that of the
+            space, or five_link.
         budget: designs that every run evaluates; one with its gradient is one.
         seeds: every method runs once with each.
         chunk: 0: every batch is scored as a whole, by the process of its run. 100 or more: batches of at least twice as
@@ -40,7 +42,7 @@ class SearchConfig:
     space: Mapping[str, Any] = field(default_factory=dict)
     limits: Sequence[Mapping[str, Any]] = ()
     held_out: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    reference: str = "five_link"
+    reference: str = ""
     budget: Annotated[int, integer(1, 10_000_000)] = 1000
     seeds: Annotated[Sequence[int], integers(0, 2**31 - 1)] = (1, 2, 3)
     chunk: Annotated[int, integer(0, 10_000_000)] = 0
@@ -54,6 +56,9 @@ class SearchConfig:
                 raise ConfigError(f"methods.{name}", settings, "the settings of the method, keys and values, or none")
         if not self.methods:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
+        if self.reference == "":
+            given = self.space.get("mechanism") if isinstance(self.space, Mapping) else None
+            object.__setattr__(self, "reference", given or "five_link")
         text("reference", self.reference)
         entries("seeds", self.seeds)
         check_fields(self)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -71,7 +71,7 @@ def _focus(axes: Axes, search: Search) -> None:
 
 
 def shapes(search: Search, best: RollingChain | SpatialChain | None) -> bytes:
-    """PNG: best design and reference, each under the same tensions: five pairs, in space the first of the search."""
+    """PNG: best design and reference, under five pairs of tensions, or those of the first objective."""
     theirs = reference(search.config)
     if isinstance(theirs, SpatialChain):
         assert best is None or isinstance(best, SpatialChain)
@@ -80,10 +80,12 @@ def shapes(search: Search, best: RollingChain | SpatialChain | None) -> bytes:
     drawn = [mechanism for mechanism in (best, theirs) if mechanism is not None]
     figure = figure_of(5.2 * len(drawn), 5.0)
     panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
+    tensions: list[Any] = [(TENSION * ratio / (1 + ratio), TENSION / (1 + ratio)) for ratio in RATIOS]
+    if theirs.n_tendons != 2:
+        tensions = _tensions(search, theirs)[: len(RATIOS)]
     for axes, mechanism in zip(panels, drawn, strict=True):
-        tensions = [(TENSION * ratio / (1 + ratio), TENSION / (1 + ratio)) for ratio in RATIOS]
-        equilibria = [solve_tensions(mechanism, pair) for pair in tensions]
-        labels = ["{:.1f} N, {:.1f} N".format(*pair) for pair in tensions]
+        equilibria = [solve_tensions(mechanism, row) for row in tensions]
+        labels = [", ".join(f"{tension:.1f} N" for tension in row) for row in tensions]
         shapes = [(shape, label) for shape, label in zip(equilibria, labels, strict=True) if shape.ok]
         if shapes:
             plot_family(
@@ -91,13 +93,18 @@ def shapes(search: Search, best: RollingChain | SpatialChain | None) -> bytes:
             )
         axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
     handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside right upper", frameon=False, title="left, right tendon")
+    figure.legend(
+        *handles,
+        loc="outside right upper",
+        frameon=False,
+        title="tensions" if theirs.n_tendons != 2 else "left, right tendon",
+    )
     return png(figure, DPI)
 
 
 def _shapes_in_space(search: Search, best: SpatialChain | None, theirs: SpatialChain) -> bytes:
     """PNG: the same in space, contact lines coloured by their tilting margins."""
-    rows = next(objective.tensions for objective in measured(search.problem))  # type: ignore[attr-defined]
+    rows = _tensions(search, theirs)
     drawn = [mechanism for mechanism in (best, theirs) if mechanism is not None]
     figure = figure_of(5.2 * len(drawn), 5.0)
     for place, mechanism in enumerate(drawn):
@@ -108,6 +115,13 @@ def _shapes_in_space(search: Search, best: SpatialChain | None, theirs: SpatialC
         _frame(axes, np.stack([mechanism.poses(mechanism.neutral_angles), *(shape.poses for shape in shapes)]))
         axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
     return png(figure, DPI)
+
+
+def _tensions(search: Search, theirs: RollingChain | SpatialChain) -> list[Any]:
+    """The tensions of the first objective that has several rows of them; without one, equal tensions."""
+    given = (getattr(objective, "tensions", ()) for objective in measured(search.problem))
+    rows = (list(rows) for rows in given if np.ndim(rows) == 2 and np.shape(rows)[1] == theirs.n_tendons)
+    return next(rows, [(TENSION / theirs.n_tendons,) * theirs.n_tendons])
 
 
 def _frame(axes: Axes3D, poses: Array) -> None:

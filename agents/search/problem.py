@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from agents.runs.checks import prefixed
+from agents.runs.consent import check_named, imported
 from agents.search.config import SearchConfig
 from agents.search.methods import make
 from agents.search.optimiser import Optimiser, Setup
-from rollingjoint import RollingChain, SpatialChain
+from rollingjoint import HingeChain, RollingChain, SpatialChain
 from rollingjoint.checked_yaml import mapping, number
 from rollingjoint.design import (
     BendingShapes,
-    DesignSpace,
+    DesignBox,
     FrictionRequired,
     LateralStiffness,
     Limit,
@@ -26,7 +27,6 @@ from rollingjoint.design import (
     PlacementError,
     PressingMargin,
     Problem,
-    SpatialDesignSpace,
     TendonTravel,
     Term,
     TiltingMargin,
@@ -36,6 +36,7 @@ from rollingjoint.design import (
     TipTravel,
     ToothMargin,
     measure,
+    space_of_settings,
 )
 from rollingjoint.errors import ConfigError, SolverError
 from rollingjoint.io.mechanism_file import load_mechanism
@@ -43,29 +44,46 @@ from rollingjoint.io.mechanism_file import load_mechanism
 _PLANAR = BendingShapes, TipTravel, TipRotation, LateralStiffness, LoadCapacity, TendonTravel, PeakTension
 _SPATIAL = TipStiffness, TipReach, PlacementError, PressingMargin, TiltingMargin, ToothMargin, FrictionRequired
 KINDS: dict[str, Any] = {kind.name: kind for kind in (*_PLANAR, *_SPATIAL)}
-SPACES: dict[str, type[DesignSpace | SpatialDesignSpace]] = {"plane": DesignSpace, "space": SpatialDesignSpace}
+_OF_OBJECTIVE = "name", "unit", "maximise", "measure"
 REFERENCE = "reference"
 
 
 def design_problem(config: SearchConfig, held_out: bool = False) -> Problem:
     """The problem of a search, or of its held-out scores; raises ConfigError that names the key."""
     changes = config.held_out if held_out else {}
-    mapping("held_out", changes, tuple(KINDS))
-    make = space_class(config)
-    space = mapping("space", config.space, ["kind", *(field.name for field in fields(make))])
-    with _located("space"):
-        design_space = make(**{key: _frozen(value) for key, value in space.items() if key != "kind"})
+    for kind in mapping("held_out", changes, list(changes)):
+        objective_class("held_out", kind)
+    space = design_space(config)
     terms = tuple(_term(f"objectives[{i}]", item, config, changes) for i, item in enumerate(config.objectives))
     limits = tuple(_limit(f"limits[{i}]", item, config, changes) for i, item in enumerate(config.limits))
     with _located("objectives"):
-        return Problem(design_space, terms, limits)
+        return Problem(space, terms, limits)
 
 
-def space_class(config: SearchConfig) -> type[DesignSpace | SpatialDesignSpace]:
-    """The class of the design space of a search; raises ConfigError."""
-    kind = config.space.get("kind", "plane") if isinstance(config.space, Mapping) else "plane"
-    mapping("space.kind", {kind: None}, tuple(SPACES))
-    return SPACES[kind]
+def design_space(config: SearchConfig) -> DesignBox:
+    """The design space of a search; raises ConfigError that names the key."""
+    with _located("space"):
+        return space_of_settings(config.space)
+
+
+def objective_class(where: str, kind: object) -> Any:
+    """The class of an objective: of the project, by its name, or MODULE:NAME of a module that the command allows.
+
+    Raises:
+        ConfigError: no such class, or none of an objective.
+    """
+    module, _, name = str(kind).rpartition(":")
+    if not module:
+        mapping(f"{where}.kind", {kind: None}, tuple(KINDS))
+        return KINDS[str(kind)]
+    check_named(f"{where}.kind", str(kind), module, f"one of {', '.join(KINDS)}")
+    found = getattr(imported(module), name, None)
+    missing = [part for part in _OF_OBJECTIVE if not hasattr(found, part)]
+    if not (isinstance(found, type) and is_dataclass(found)) or missing:
+        allowed = f"a dataclass with {', '.join(_OF_OBJECTIVE)}, as rollingjoint.design.Objective"
+        hint = f"It has no {missing[0]}." if missing and found is not None else f"{module} has no such class."
+        raise ConfigError(f"{where}.kind", str(kind), allowed, hint)
+    return found
 
 
 def check(config: SearchConfig) -> None:
@@ -103,8 +121,11 @@ def names(problem: Problem) -> tuple[str, ...]:
 def reference(config: SearchConfig) -> RollingChain | SpatialChain:
     """The mechanism to compare with; raises ConfigError."""
     with _located("reference"):
-        if space_class(config) is DesignSpace:
+        if design_space(config).dimension == 2:
             return load_mechanism(config.reference, RollingChain)
+        mechanism = load_mechanism(config.reference)
+        if isinstance(mechanism, HingeChain):
+            return SpatialChain.from_arm(mechanism)
         return load_mechanism(config.reference, SpatialChain)
 
 
@@ -150,13 +171,13 @@ def _objective(
 ) -> tuple[Any, Mapping[str, Any]]:
     """The objective that an entry describes, with the `changes` of its kind, and the values of the other `keys`."""
     kind = mapping(where, item, list(item) if isinstance(item, Mapping) else (), ["kind"])["kind"]
-    mapping(f"{where}.kind", {kind: None}, tuple(KINDS))
-    names = [field.name for field in fields(KINDS[kind])]
+    chosen = objective_class(where, kind)
+    names = [field.name for field in fields(chosen)]
     entry = mapping(f"{where} ({kind})", item, ["kind", *keys, *names])
     changed = mapping(f"held_out.{kind}", changes.get(kind), names)
     values = {key: value for key, value in entry.items() if key in names} | dict(changed)
     with _located(where):
-        objective = KINDS[kind](**{key: _frozen(value) for key, value in values.items()})
+        objective = chosen(**{key: _frozen(value) for key, value in values.items()})
     return objective, {key: entry[key] for key in keys if key in entry}
 
 

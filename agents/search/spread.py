@@ -5,6 +5,7 @@ A chunk has the same designs as if its run were one unit, so journals are the sa
 
 from __future__ import annotations
 
+import pickle
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
@@ -145,6 +146,7 @@ class _SpreadRun:
         run = SearchRun(folder)
         self.folder, self.held, self.chunk = folder, ExitStack(), run.config.chunk
         self.problem = design_problem(run.config)
+        self.pickled = pickle.dumps(self.problem)
         self.work = RunInWork(run, optimiser(run.config, self.problem), run.config.budget)
         self.waiting: list[ChunkUnit] = []
         self.evaluations: list[tuple[Evaluated, float] | None] = []
@@ -165,23 +167,28 @@ class _SpreadRun:
         for place, x in enumerate(parts := chunks(self.work.ask(), self.chunk)):
             name = f"{self.folder}, chunk {place + 1} of {len(parts)}"
             self.waiting.append(
-                ChunkUnit(name, scored, (self.problem, wants, x), is_part=True, folder=self.folder, place=place)
+                ChunkUnit(name, scored, (self.pickled, wants, x), is_part=True, folder=self.folder, place=place)
             )
         self.evaluations = [None] * len(parts)
 
 
-def scored(problem: Problem, wants: Derivatives, x: np.ndarray) -> tuple[Evaluated, float]:
-    """In a worker: the evaluation of designs, and its processor time [s]."""
-    _prepare(problem, wants)
+def scored(pickled: bytes, wants: Derivatives, x: np.ndarray) -> tuple[Evaluated, float]:
+    """In a worker: the evaluation of designs by a pickled problem, and its processor time [s].
+
+    Objectives may be of modules that the worker imports first, by their paths.
+    """
+    problem = _prepared(pickled, wants)
     start = time.process_time()
     evaluated = evaluated_by(problem, wants, x)
     return evaluated, time.process_time() - start
 
 
 @cache
-def _prepare(problem: Problem, wants: Derivatives) -> None:
-    """One thread for torch; compilation does not count as time of a run."""
+def _prepared(pickled: bytes, wants: Derivatives) -> Problem:
+    """The problem, with one thread for torch; compilation does not count as time of a run."""
     import torch
 
     torch.set_num_threads(1)
+    problem: Problem = pickle.loads(pickled)
     evaluated_by(problem, wants, problem.space.reference()[None])
+    return problem

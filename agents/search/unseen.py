@@ -63,8 +63,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     env = run.config().env
     from rj_gym import DESIGN_IDS
 
-    if env.id not in DESIGN_IDS:
-        raise ConfigError("env.id", env.id, f"a policy trained on {', '.join(DESIGN_IDS)}")
+    if DESIGN_IDS.get(env.id) != "CurvatureDesign":
+        raise ConfigError("env.id", env.id, "a policy trained on rj_gym/CurvatureDesign-v0")
     budget = integer(2, env.arguments()["config"].episode_steps + 1)("--budget", arguments.budget)
     parts = around(arguments.page, BEGIN, END) if arguments.page else ("", "")
     text = compared(run, env, tasks, budget)

@@ -6,6 +6,7 @@ Modules:
     serving: silent servers of viser that answer only requests that a guard admits.
     rooms: the tabs of a browser.
     record: pages that play without a server.
+    around: walls around a mechanism, which a person moves.
     explorer: a mechanism under inputs that a person sets.
     drive: a controller in an episode, and a film of the episode.
     controllers: the controllers that can drive in an environment.

@@ -36,6 +36,13 @@ def mechanism_view(mechanism: Any) -> View:
     return View(np.array([0.25, 0.0, 0.48]) * length, np.array([0.6, 2.9, -0.9]) * length, (0.0, 0.0, -1.0))
 
 
+def among_walls_view(mechanism: Any, base: tuple[float, float, float]) -> View:
+    """A chain and the walls around it and ahead of it, left of the panel; base: its pose among them."""
+    view, (x, y, angle) = mechanism_view(mechanism), base
+    ahead = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    return View(view.at * (1.2, 0.0, 1.0) + [x, y, 0.0] + 1.2 * mechanism.length * ahead, 1.8 * view.away, view.up)
+
+
 def episode_view(scene: TrackingScene) -> View:
     """The view of the mechanism of an episode."""
     return mechanism_view(scene.mechanism)

@@ -123,11 +123,11 @@ class Designs:
 
     @cached_property
     def reference(self) -> Design:
-        """The mechanism that the search compares with; raises InvalidInput for a chain in space."""
+        """The mechanism that the search compares with; raises InvalidInput unless it is planar with two tendons."""
         mechanism = reference(self.search.config)
-        if not isinstance(mechanism, RollingChain):
-            allowed = "a search of planar chains, which this room bends"
-            raise InvalidInput("search", self.name, allowed, "rj search prints designs of chains in space.")
+        if not isinstance(mechanism, RollingChain) or mechanism.n_tendons != 2:
+            allowed = "a search of planar chains with two tendons, which this room bends"
+            raise InvalidInput("search", self.name, allowed, "rj search prints designs of others.")
         values = np.array(against(self.search.config, self.search.problem))
         return Design(words(mechanism.name or "reference"), mechanism, values)
 

@@ -6,8 +6,8 @@ import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from agents.viewer.around import NO_WALLS, Around, Scene, scenes
 from rollingjoint import (
     PRESETS,
     CapstanFriction,
@@ -30,6 +31,8 @@ from rollingjoint import (
 )
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
+from rollingjoint.plotting.walls import in_world, places_and_forces
+from rollingjoint.surroundings import Strip, wall_strips
 from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
@@ -53,6 +56,7 @@ class Inputs:
         link: the force acts on its origin. force: in the base frame, (2,) or (3,) [N].
         friction: coefficient in all holes. curvatures: factors of the curvature of the contact surfaces,
             below and above joint 0 first, (2 J,); none for arms.
+        around: the walls around a planar chain.
     """
 
     drive: str
@@ -62,6 +66,7 @@ class Inputs:
     force: tuple[float, ...]
     friction: float
     curvatures: tuple[float, ...]
+    around: Around = field(default_factory=Around)
 
 
 class Explorer:
@@ -69,11 +74,14 @@ class Explorer:
 
     Args:
         mechanism: of either class. name: of the preset or file that it comes from.
+        files: scenes of files of surroundings, by name.
     """
 
-    def __init__(self, mechanism: Any, name: str = "") -> None:
+    def __init__(self, mechanism: Any, name: str = "", files: Mapping[str, Scene] | None = None) -> None:
         self.nominal, self.name = mechanism, name or mechanism.name or "mechanism"
         self.flat, self.in_space = isinstance(mechanism, RollingChain), isinstance(mechanism, SpatialChain)
+        self.scenes = scenes(mechanism, files) if self.flat else {}
+        self.jumped = False  # in the last change
         self.inputs = self._neutral()
         self.mechanism = mechanism
         self.found: Any = None
@@ -86,28 +94,124 @@ class Explorer:
         return cls(PRESETS[name](), name)
 
     def change(self, **changes: Any) -> None:
-        """Set inputs and find the equilibrium.
+        """Set inputs and find the equilibrium; walls and base get there in steps.
 
         Raises:
-            MechanismError: there is no such chain; the state is unchanged.
+            MechanismError: there is no such chain. InvalidInput: there are no such walls. The state is unchanged.
         """
         inputs = replace(self.inputs, **(self._held(changes.get("drive")) | changes))
+        before, after = self.inputs.around, inputs.around
+        scene = self.scenes.get(after.walls)
+        if scene is not None:
+            scene.walls(after)
         if (inputs.friction, inputs.curvatures) != (self.inputs.friction, self.inputs.curvatures):
             self.mechanism = self._built(inputs)
             self.usable = None  # another mechanism has no history
-        self.inputs = inputs
-        self.solve()
+        count = scene.steps(before, after) if scene is not None and before.walls == after.walls else 1
+        self.jumped = False
+        for step in range(1, count + 1):
+            way = after if step == count else before.on_the_way(after, step / count)
+            self.inputs = replace(inputs, around=way)
+            self.solve(begin=before.walls != after.walls)
 
-    def solve(self) -> None:
-        """Find the equilibrium of the inputs from the last usable one."""
-        arguments: dict[str, Any] = {"start": self.usable}
-        if self.mechanism.has_friction:
-            arguments["history"] = self.usable or self._without_history()
-        if self.inputs.drive == TENSIONS:
-            self.found = solve_tensions(self.mechanism, self.inputs.tensions, self.loads, **arguments)
-        else:
-            self.found = solve_lengths(self.mechanism, self.lengths, self.loads, **arguments)
+    def solve(self, begin: bool = False) -> None:
+        """Find the equilibrium of the inputs from the last usable one; begin: without a history of friction."""
+        among = self._among()
+        arguments: dict[str, Any] = {"start": self.usable, **among}
+        if self.mechanism.has_friction or (among and among["surroundings"].has_friction):
+            fresh = begin or self.usable is None
+            arguments = among | {"history": self._solved([], **arguments) if fresh else self.usable}
+        self.found = self._solved(self.loads, **arguments)
         self.usable = self.found if self.found.ok else self.usable
+        self.jumped = not begin and (self.jumped or (self.found.walls is not None and bool(self.found.jumped)))
+
+    def _solved(self, loads: Sequence[WorldForce], **arguments: Any) -> Any:
+        if self.inputs.drive == TENSIONS:
+            return solve_tensions(self.mechanism, self.inputs.tensions, loads, **arguments)
+        return solve_lengths(self.mechanism, self.lengths, loads, **arguments)
+
+    def _among(self) -> dict[str, Any]:
+        """The arguments of solvers for the walls."""
+        around = self.inputs.around
+        if around.walls == NO_WALLS:
+            return {}
+        scene = self.scenes[around.walls]
+        return {"surroundings": scene.walls(around), "base": scene.base_at(around)}
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene that is around the chain."""
+        return self.scenes.get(self.inputs.around.walls)
+
+    def in_world(self, points: Array, turned_only: bool = False) -> Array:
+        """Points in the frame of the base, or vectors there, (..., d), in the frame of the walls."""
+        if self.scene is None or not self.flat:
+            return points
+        x, y, angle = self.scene.base_at(self.inputs.around)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.asarray(points) @ turn.T + (0.0 if turned_only else np.array([x, y]))
+
+    def in_base(self, vector: Array) -> Array:
+        """A vector (2,) or (3,) in the frame of the walls, in the frame of the base."""
+        if self.scene is None or not self.flat:
+            return vector
+        return np.asarray(vector @ self.in_world(np.eye(2), turned_only=True).T)
+
+    def poses(self, equilibrium: Any) -> Array:
+        """The poses of the links among the walls, where the equilibrium has the base."""
+        if equilibrium.walls is None:
+            return np.asarray(equilibrium.poses)
+        return np.asarray(in_world(equilibrium).poses)
+
+    @property
+    def wall_strips(self) -> list[Strip]:
+        """The shapes of the walls among which the mechanism is [mm]."""
+        if self.found.walls is None:
+            return []
+        return list(wall_strips(self.found.walls.walls, int(self.found.walls.which), self.poses(self.found)[:, :2]))
+
+    @property
+    def wall_arrows(self) -> list[tuple[Array, Array, bool]]:
+        """Place, force on the link and whether it sticks, of every contact with a wall [mm, N]."""
+        if self.found.walls is None or not self.found.ok:
+            return []
+        touches = zip(*places_and_forces(self.found), self.found.wall_contacts, strict=True)
+        return [(place, force, self._sticks(touch)) for place, force, touch in touches]
+
+    @property
+    def wall_line(self) -> str:
+        """Contact with the walls, in a line; empty without walls."""
+        if self.found.walls is None or not self.found.ok:
+            return ""
+        touches, push = self.found.wall_contacts, f"{self.found.insertion_force + 0.0:.2f} N push the base"
+        jump = "⚠ **jumped** to another pose" if self.jumped else ""
+        if not touches:
+            return ", ".join(filter(None, [jump, f"no link touches a wall, the nearest {self._nearest():.1f} mm away"]))
+        deepest, strongest = min(touch.gap for touch in touches), max(touch.force for touch in touches)
+        sticking = sum(map(self._sticks, touches))
+        rubbing = f"{sticking} stick, {len(touches) - sticking} slip" if self.found.walls.memory is not None else ""
+        contacts = f"**{len(touches)} contact{'s' * (len(touches) > 1)}**"
+        forces = f"at most {strongest:.2f} N and {-deepest:.2f} mm deep"
+        return ", ".join(filter(None, [jump, contacts, forces, rubbing, push]))
+
+    def _nearest(self) -> float:
+        """The smallest gap [mm]."""
+        return float(self.found.wall_gaps.min(initial=np.inf))
+
+    @property
+    def wall_table(self) -> list[list[str]]:
+        """Link, wall, gap [mm], normal force and friction [N] of every contact, and whether it sticks."""
+        if self.found.walls is None or not self.found.ok:
+            return []
+        return [
+            [str(touch.link), f"{touch.kind} {touch.wall}"]
+            + [f"{value + 0.0:.3f}" for value in (touch.gap, touch.force, touch.friction)]
+            + ["sticks" if self._sticks(touch) else "slips" if self.found.walls.memory is not None else ""]
+            for touch in self.found.wall_contacts
+        ]
+
+    def _sticks(self, touch: Any) -> bool:
+        return bool(touch.sticks) and self.found.walls.memory is not None
 
     @property
     def loads(self) -> list[WorldForce]:
@@ -158,7 +262,7 @@ class Explorer:
         normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
         forces = self.found.contact_forces
         by = forces[:, :1] * tangents + forces[:, 1:] * normals
-        return np.stack([self.found.contact_points, by], axis=1)
+        return np.stack([self.in_world(self.found.contact_points), self.in_world(by, turned_only=True)], axis=1)
 
     def _end_arrows(self) -> Array:
         frames, ends = self.found.contact_frames[:, None], self.found.end_forces
@@ -190,14 +294,21 @@ class Explorer:
         circles = np.zeros((size if size > 2 else 1, TURN, size))
         for first, circle in enumerate(circles):
             circle[:, first], circle[:, (first + 1) % size] = np.cos(turns), np.sin(turns)
-        return float(fitting[-1]), list(self.found.tip + fitting[-1] * circles @ compliance.T)
+        return float(fitting[-1]), [
+            self.in_world(circle) for circle in self.found.tip + fitting[-1] * circles @ compliance.T
+        ]
 
     def reached(self) -> Array:
-        """Points that the tip reaches under the load with any tensions up to HIGHEST, without friction, (N, d) [mm]."""
+        """Points that the tip reaches under the load with any tensions up to HIGHEST, without friction, (N, d) [mm].
+
+        Among walls each is the equilibrium that is found from the present one.
+        """
         mechanism = self.mechanism.replace(friction=None) if self.mechanism.has_friction else self.mechanism
         tensions = HIGHEST * qmc.Sobol(mechanism.n_tendons, scramble=False).random_base2(REACHED)
-        equilibria = solve_tensions_batch(mechanism, tensions, self.loads)
-        return np.asarray(equilibria.tip[np.asarray(equilibria.ok)])
+        among = self._among()
+        starts = {"starts": self.usable.joint_angles} if among and self.usable is not None else {}
+        equilibria = solve_tensions_batch(mechanism, tensions, self.loads, **starts, **among)
+        return self.in_world(np.asarray(equilibria.tip[np.asarray(equilibria.ok)]))
 
     @property
     def python(self) -> str:
@@ -206,14 +317,24 @@ class Explorer:
         values = self.inputs.tensions if self.inputs.drive == TENSIONS else self.lengths
         loads = f", [WorldForce({self.inputs.link}, {_numbers(self.inputs.force)})]" if self.loads else ""
         source = f"{self.name}()" if self._is_preset else f"load_mechanism({json.dumps(self.file_name)})"
+        among, lines, rubs = self._among(), [], self.mechanism.has_friction
         names = [*(["WorldForce"] if loads else []), *([self.name] if self._is_preset else []), call]
-        lines = [f"from rollingjoint import {', '.join(names)}"]
-        lines += [] if self._is_preset else ["from rollingjoint.io.mechanism_file import load_mechanism"]
-        lines += ["", f"mechanism = {source}"]
-        if self.mechanism.has_friction:
-            lines += [f"begun = {call}(mechanism, {_numbers(values)})"]
-        history = ", history=begun" if self.mechanism.has_friction else ""
-        lines += [f"found = {call}(mechanism, {_numbers(values)}{loads}{history})"]
+        more = ""
+        if among:
+            around = among["surroundings"]
+            parts = [around, around.outline, *around.walls, around.friction, *(wall.friction for wall in around.walls)]
+            names += [type(each).__name__ for each in parts if each is not None]
+            lines += [f"around = {around!r}", f"near = {_numbers(self.found.joint_angles)}"]
+            more = f", surroundings=around, base={_numbers(among['base'])}"
+            rubs = rubs or around.has_friction
+        start = ", start=near" if among else ""
+        imports = [f"from rollingjoint import {', '.join(dict.fromkeys(names))}"]
+        imports += [] if self._is_preset else ["from rollingjoint.io.mechanism_file import load_mechanism"]
+        lines = [*imports, "", f"mechanism = {source}", *lines]
+        if rubs:
+            lines += [f"begun = {call}(mechanism, {_numbers(values)}{more}{start})"]
+        history = ", history=begun" if rubs else start
+        lines += [f"found = {call}(mechanism, {_numbers(values)}{loads}{more}{history})"]
         return "\n".join([*lines, "print(found.status.message, found.tip)", ""])
 
     @property
@@ -283,10 +404,6 @@ class Explorer:
                 links[link] = replace(links[link], **{side: _curved(getattr(links[link], side), factor)})
             changes["links"] = tuple(links)
         return self.nominal.replace(**changes) if changes else self.nominal
-
-    def _without_history(self) -> Any:
-        """The equilibrium without a history of friction."""
-        return solve_tensions(self.mechanism, self.inputs.tensions, self.loads)
 
 
 def _curved(surface: Surface, factor: float) -> Surface:

@@ -107,13 +107,18 @@ def _chain(mechanism: RollingChain) -> list[Shape]:
 
 
 def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
-    """A link between its two surfaces, `depth` [mm] thick: walls between the outlines of front and back, and these."""
+    """A link between its two surfaces, `depth` [mm] thick."""
     parent, child = (surface.point(np.linspace(*surface.limits, ALONG)) for surface in (link.parent, link.child))
-    outline = np.concatenate([parent, child[::-1]])
-    count, last = len(outline), len(outline) - 1
+    return slab(parent, child, depth)
+
+
+def slab(first: Array, second: Array, depth: float) -> tuple[Array, NDArray[np.uint32]]:
+    """The solid between two edges in the plane, (k, 2) each, `depth` [mm] thick: front, back and the sides."""
+    outline = np.concatenate([first, second[::-1]])
+    count, last, along = len(outline), len(outline) - 1, len(first)
     vertices = np.concatenate([in_space(outline, 0.5 * depth), in_space(outline, -0.5 * depth)])
-    face = [(k, k + 1, last - k) for k in range(ALONG - 1)] + [
-        (k + 1, last - k - 1, last - k) for k in range(ALONG - 1)
+    face = [(k, k + 1, last - k) for k in range(along - 1)] + [
+        (k + 1, last - k - 1, last - k) for k in range(along - 1)
     ]
     successors = np.roll(np.arange(count), -1)
     walls = [(k, k + count, j) for k, j in enumerate(successors)] + [

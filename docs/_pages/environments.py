@@ -30,6 +30,7 @@ TASKS = {  # of the results page, by the stem of the classes
     "ArmInstrument": ("arm_instrument",),
     "PitchYaw": ("pitch_yaw",),
     "CurvatureDesign": (),
+    "CoDesign": (),
     "Lumen": (),
     "Obstacles": (),
     "HiddenWall": (),
@@ -37,6 +38,7 @@ TASKS = {  # of the results page, by the stem of the classes
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
+    "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
     "Lumen": ("surroundings_lumen.gif", "A controller that knows the centre line, in a hard lumen."),
     "Obstacles": ("surroundings_obstacles.gif", "The way that the search of the episode has found."),
     "HiddenWall": ("surroundings_hidden_wall.gif", "The commands that touch the wall with 0.5 N."),

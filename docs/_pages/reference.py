@@ -16,6 +16,7 @@ MODULES = (
     "rollingjoint.design",
     "rollingjoint.identify",
     "rollingjoint.inverse",
+    "rollingjoint.plan",
     "rollingjoint.plotting",
     "rollingjoint.io.mechanism_file",
     "rollingjoint.io.surroundings_file",

@@ -1,6 +1,8 @@
 """The design task: change the contact surfaces of a chain until it bends as wanted. It needs torch.
 
 Modules:
+    codesign: the task of designing and then controlling.
+    codesign_episodes: its episode buffer and drawing.
     config: its settings.
     env: its scalar environment, with the decision process in its docstring.
     episodes: its episode buffer.

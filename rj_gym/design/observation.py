@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from rj_gym.core.task import POSITION_BOUND, Entry
 from rj_gym.design.config import DesignConfig
 from rj_gym.design.sampling import DesignDraws
-from rollingjoint.design import MARGINS
 
 Array = NDArray[np.float64]
 
@@ -19,15 +18,18 @@ _DEVIATION_BOUND = 5.0
 
 
 def design_observation_entries(config: DesignConfig) -> list[Entry]:
-    """The entries of the observation, in order. L is the length of the middle design, n times its link height."""
-    cases, links = range(config.cases), range(1, config.space.n_links)
-    places = [f"case {case} link {link} {axis}" for case in cases for link in links for axis in ("x", "y")]
-    loads = [f"case {case} force {axis}" for case in cases for axis in ("x", "y")]
-    tendons = [f"case {case} {side} tension" for case in cases for side in ("left", "right")]
+    """The entries of the observation, in order. L is the length of the space's reference."""
+    cases, links = range(config.cases), range(1, config.space.plain.n_links)
+    axes = "xyz"[: config.space.dimension]
+    places = [f"case {case} link {link} {axis}" for case in cases for link in links for axis in axes]
+    loads = [f"case {case} force {axis}" for case in cases for axis in axes]
+    m = config.space.plain.n_tendons
+    sides = ["left", "right"] if m == 2 else [f"tendon {j}" for j in range(m)]
+    tendons = [f"case {case} {side} tension" for case in cases for side in sides]
     unit, worst = f"{_ERROR_UNIT:g} mm", config.largest_error_mm / _ERROR_UNIT
     return [
         *(Entry(name, "half range", -1.0, 1.0) for name in config.space.names),
-        *(Entry(f"{name} margin", "1", -1.0, 1.0) for name in MARGINS),
+        *(Entry(f"{name} margin", "1", -1.0, 1.0) for name in config.space.margin_names),
         *(Entry(f"case {case} error", unit, 0.0, worst) for case in cases),
         Entry("error", unit, 0.0, worst),
         *(Entry(f"{name} deviation", unit, -_DEVIATION_BOUND, _DEVIATION_BOUND) for name in places),

@@ -32,21 +32,25 @@ def checked_options(options: Mapping[str, Any] | None, config: DesignConfig) -> 
 
     Args:
         options: any of "design" (d,), to begin with, in [-1, 1], valid or not; "target_design" (d,), a valid one
-            with the targets as its shapes; "forces" (K, 2) [N]; "tensions" (K, 2), above 0 [N].
+            with the targets as its shapes; "forces" (K, 2), in space (K, 3) [N]; "tensions" (K, m), above 0 [N].
         config: the settings.
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.
     """
-    options, vector, pairs = checked_keys(options, OPTIONS), (config.space.dimensions,), (config.cases, 2)
+    options, vector, cases = checked_keys(options, OPTIONS), (config.space.dimensions,), config.cases
+    tensions, forces = (cases, config.space.plain.n_tendons), (cases, config.space.dimension)
     return DesignOptions(
-        _numbers(options, "design", vector, -1.0, 1.0),
-        _numbers(options, "target_design", vector, -1.0, 1.0),
-        _numbers(options, "tensions", pairs, np.nextafter(0.0, 1.0), LARGEST),
-        _numbers(options, "forces", pairs, -LARGEST, LARGEST),
+        option_numbers(options, "design", vector, -1.0, 1.0),
+        option_numbers(options, "target_design", vector, -1.0, 1.0),
+        option_numbers(options, "tensions", tensions, np.nextafter(0.0, 1.0), LARGEST),
+        option_numbers(options, "forces", forces, -LARGEST, LARGEST),
     )
 
 
-def _numbers(options: Mapping[str, Any], key: str, shape: tuple[int, ...], low: float, high: float) -> Array | None:
+def option_numbers(
+    options: Mapping[str, Any], key: str, shape: tuple[int, ...], low: float, high: float
+) -> Array | None:
+    """The numbers of an option within bounds, None where it is not given; InvalidInput for others."""
     if key not in options:
         return None
     within = "above 0" if low > 0 else f"in [{low:g}, {high:g}]"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.rendering import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.outline import link_outline, to_world
 from rollingjoint.chain.rolling import RollingChain
 
@@ -20,21 +21,25 @@ Array = NDArray[np.float64]
 _CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80), (150, 90, 170), (200, 150, 40))
 
 
+_VIEW = np.array([[0.83, -0.14], [-0.56, -0.21], [0.0, 0.97]])  # of x, y and z: to the right, and up
+
+
 @dataclass(frozen=True)
 class DesignScene:
     """Contents of a picture.
 
     Args:
         mechanism: the present design; where it is not valid the reference, of which only the base is drawn.
-        poses: of its links in every case, (K, n, 3) [mm, rad]. ok: whether they are equilibria, (K,).
-        targets: origins of the moving links, (K, n - 1, 2) [mm].
-        tensions, forces: (K, 2) [N].
+        poses: of its links in every case, (K, n, 3), in space (K, n, 4, 4) [mm, rad].
+        ok: whether they are equilibria, (K,).
+        targets: origins of the moving links, (K, n - 1, 2), in space 3 [mm].
+        tensions: (K, m) [N]. forces: (K, 2), in space (K, 3) [N].
         case_errors: (K,) [mm]. error: in all cases [mm].
         valid: whether the present design is.
         step, steps: taken, and of the whole episode.
     """
 
-    mechanism: RollingChain
+    mechanism: AnyChain
     poses: Array
     ok: NDArray[np.bool_]
     targets: Array
@@ -51,17 +56,28 @@ class DesignCanvas(Canvas):
     """The drawing of the design task; the view is fixed, so pictures of a run line up."""
 
     def draw(self, scene: DesignScene) -> pygame.Surface:
-        """The scene at the picture's size."""
-        self.begin(scene.mechanism.links[0])
-        for places in scene.targets:
+        """The scene at the picture's size; chains in space from the side, with z upwards."""
+        plane = isinstance(scene.mechanism, RollingChain)
+        if isinstance(scene.mechanism, RollingChain):
+            self.begin(scene.mechanism.links[0])
+        else:
+            self.begin()
+        targets, forces = self.seen(scene.targets), self.seen(scene.forces)
+        for places in targets:
             self._target(places)
         for case in np.flatnonzero(scene.ok):
-            self._links(scene.mechanism, scene.poses[case], _color(case))
-        for places, force in zip(scene.targets, scene.forces, strict=True):
+            if isinstance(scene.mechanism, RollingChain):
+                self._links(scene.mechanism, scene.poses[case], _color(case))
+            self._axis(self.seen(scene.poses[case, :, :2] if plane else scene.poses[case, :, :3, 3]), _color(case))
+        for places, force in zip(targets, forces, strict=True):
             self._places(places)
             self._force(places[-1], force)
         self._caption(scene)
         return self.finished()
+
+    def seen(self, points: Array) -> Array:
+        """Points or vectors (..., 2 or 3) in the plane of the picture, (..., 2)."""
+        return points if points.shape[-1] == 2 else points @ _VIEW
 
     def _target(self, places: Array) -> None:
         """The line through the wanted origins, from the base on."""
@@ -76,9 +92,12 @@ class DesignCanvas(Canvas):
             outline = to_world(pose, link_outline(link))
             self.fill(outline, blend(BACKGROUND, color, 0.3))
             self.line(outline, 0.6, blend(EDGE, color, 0.6))
-        self.line(poses[:, :2], 0.8, color)
-        for pose in poses[1:]:
-            self.disc(pose[:2], 1.3, color)
+
+    def _axis(self, origins: Array, color: Color) -> None:
+        """The line through the origins of the links."""
+        self.line(origins, 0.8, color)
+        for origin in origins[1:]:
+            self.disc(origin, 1.3, color)
 
     def _force(self, begin: Array, force: Array) -> None:
         """An arrow of 40 mm per N on a mechanism of 100 mm."""
@@ -91,8 +110,9 @@ class DesignCanvas(Canvas):
     def _caption(self, scene: DesignScene) -> None:
         text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
         self.captions((f"step {scene.step} / {scene.steps}", INK), (text, TARGET))
-        for case, (first, second) in enumerate(scene.tensions):
-            self.text(f"{first:.1f} N, {second:.1f} N", (500, 24 + 26 * case), 24, FAINT)
+        begin = 620 - 60 * scene.tensions.shape[1]
+        for case, tensions in enumerate(scene.tensions):
+            self.text(", ".join(f"{tension:.1f} N" for tension in tensions), (begin, 24 + 26 * case), 24, FAINT)
             self.text(f"{scene.case_errors[case]:.2f} mm", (620, 24 + 26 * case), 24, _color(case))
 
 

@@ -21,8 +21,8 @@ _MOST_ROUNDS = 20_000
 class DesignDraws(NamedTuple):
     """Random draws of B episodes: arrays with the lane first.
 
-    Fields: the hidden design and the one to begin with, (B, d); tensions (B, K, 2) [N]; force on the tip in every case,
-    (B, K, 2) [N]; origins of the hidden design's moving links, (B, K, n - 1, 2) [mm].
+    Fields: the hidden design and the one to begin with, (B, d); tensions (B, K, m) [N]; force on the tip in every case,
+    (B, K, 2) [N]; origins of the hidden design's moving links, (B, K, n - 1, 2) [mm]; in space 3 in place of 2.
     """
 
     target_design: Array
@@ -34,17 +34,29 @@ class DesignDraws(NamedTuple):
 
 def blank_draws(config: DesignConfig, count: int) -> DesignDraws:
     """Zeros in the shapes of `count` episodes, with the tensions of the settings."""
-    designs = np.zeros((count, config.space.dimensions))
-    tensions, places = np.tile(config.tensions, (count, 1, 1)), (count, config.cases, config.space.n_links - 1, 2)
-    return DesignDraws(designs, designs.copy(), tensions, np.zeros((count, config.cases, 2)), np.zeros(places))
+    designs, plain = np.zeros((count, config.space.dimensions)), config.space.plain
+    tensions, cases = np.tile(config.tensions, (count, 1, 1)), (count, config.cases)
+    forces = np.zeros((*cases, config.space.dimension))
+    return DesignDraws(
+        designs, designs.copy(), tensions, forces, np.zeros((*cases, plain.n_links - 1, forces.shape[-1]))
+    )
 
 
 def tip_forces(config: DesignConfig, rngs: Rngs) -> Array:
-    """Forces of all cases, uniform in direction and magnitude, (len(rngs), K, 2) [N]."""
-    low, high = config.force
-    uniform = np.array([rng.random((config.cases, 2)) for rng in rngs])
+    """Forces of all cases, uniform in direction and magnitude, (len(rngs), K, 2 or 3) [N]."""
+    return directed_forces(config.force, config.cases, config.space.dimension, rngs)
+
+
+def directed_forces(sizes: tuple[float, float], count: int, dimension: int, rngs: Rngs) -> Array:
+    """Forces uniform in direction and in magnitude between two sizes, (len(rngs), count, 2 or 3) [N]."""
+    low, high = sizes
+    uniform = np.array([rng.random((count, dimension)) for rng in rngs])
     size, angle = low + (high - low) * uniform[..., 0], 2.0 * np.pi * uniform[..., 1]
-    return size[..., None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+    if dimension == 3:
+        up = 2.0 * uniform[..., 2:] - 1.0
+        direction = np.concatenate([np.sqrt(1.0 - up**2) * direction, up], -1)
+    return size[..., None] * direction
 
 
 def valid_pairs(margins: Callable[[Array], Array], dimensions: int, rngs: Rngs) -> Array:

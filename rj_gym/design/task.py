@@ -17,11 +17,11 @@ from rj_gym.design.config import DesignConfig, DesignRewardConfig
 from rj_gym.design.observation import design_observation_entries
 from rj_gym.design.options import DesignOptions, checked_options
 from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_pairs
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.status import Status
-from rollingjoint.design import MARGINS, DesignSpace
+from rollingjoint.design import DesignBox
 from rollingjoint.design.objectives import tip_loads
-from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
+from rollingjoint.differentiable import Equilibria, SpatialEquilibria, solve_tensions
 from rollingjoint.errors import InvalidInput, naming_extras
 
 with naming_extras():
@@ -71,14 +71,15 @@ class DesignTask(Task):
 
     def __init__(self, config: DesignConfig) -> None:
         self.config, self.space = config, config.space
-        self.moving = config.space.n_links - 1
-        self.length = config.space.n_links * 0.5 * sum(config.space.height)
+        self.moving = config.space.plain.n_links - 1
+        self.length = config.space.length
         self.action_size = config.space.dimensions
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("step", "status", "error", "reward"), (1,))
-        shapes |= {"terms": (len(TERMS),), "case_errors": (config.cases,), "margins": (len(MARGINS),)}
-        shapes |= {"design": (self.action_size,), "positions": (config.cases, self.moving, 2), "cases": (config.cases,)}
+        shapes |= {"terms": (len(TERMS),), "case_errors": (config.cases,), "margins": (len(config.space.margin_names),)}
+        positions = config.cases, self.moving, config.space.dimension
+        shapes |= {"design": (self.action_size,), "positions": positions, "cases": (config.cases,)}
         self.columns = blocks_of(shapes)
-        _check(config.space)
+        check_space(config.space)
 
     def part(self, readings: Array, name: str) -> Array:
         """A part of the readings (B, columns), (B, ...), not copied."""
@@ -96,8 +97,8 @@ class DesignTask(Task):
             margins = self.margins(fixed.target_design)
             worst = int(margins.argmin())
             if margins[worst] < 0:
-                what = f"margin {MARGINS[worst]!r} of options['target_design']"
-                hint = "Take a valid design, see DesignSpace.margins."
+                what = f"margin {self.space.margin_names[worst]!r} of options['target_design']"
+                hint = "Take a valid design, see margins() of the space."
                 raise InvalidInput(what, float(margins[worst]), "0 or more", hint)
         return fixed
 
@@ -137,26 +138,27 @@ class DesignTask(Task):
     def margins(self, designs: Array) -> Array:
         """Validity margins of designs (..., d), (..., q), rounded to 1e-6."""
         with torch.no_grad():
-            return _rounded(self.space.margins(torch.as_tensor(designs)))
+            return rounded(self.space.margins(torch.as_tensor(designs)))
 
     def shapes(self, designs: Array, tensions: Array, forces: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Origins of the moving links (B, K, n - 1, 2) [mm], rounded to 1e-6, and statuses (B, K).
+        """Origins of the moving links (B, K, n - 1, 2 or 3) [mm], rounded to 1e-6, and statuses (B, K).
 
         Args:
             designs: (B, d).
-            tensions, forces: (B, K, 2) [N].
+            tensions: (B, K, m) [N]. forces: (B, K, 2), in space (B, K, 3) [N].
         """
         count, cases = tensions.shape[:2]
-        positions, status = np.zeros((count, cases, self.moving, 2)), np.zeros((count, cases), np.int64)
+        places = count, cases, self.moving, self.space.dimension
+        positions, status = np.zeros(places), np.zeros((count, cases), np.int64)
         step = max(1, _LANES // cases)
         for first in range(0, count, step):
             rows = slice(first, first + step)
             equilibria = _solved(self.space.chain(torch.as_tensor(designs[rows])), tensions[rows], forces[rows])
-            positions[rows], status[rows] = _rounded(equilibria.poses[..., 1:, :2]), equilibria.status.numpy()
+            positions[rows], status[rows] = rounded(origins(equilibria)[..., 1:, :]), equilibria.status.numpy()
         return positions, status
 
-    def drawn(self, design: Array, tensions: Array, forces: Array) -> tuple[RollingChain, Array]:
-        """A valid design (d,) as a mechanism, and its poses (K, n, 3) [mm, rad] in cases (K, 2): for pictures."""
+    def drawn(self, design: Array, tensions: Array, forces: Array) -> tuple[AnyChain, Array]:
+        """A valid design (d,) as a mechanism, and the poses of its links, (K, n, ...), in all cases: for pictures."""
         chain = self.space.chain(torch.as_tensor(design)[None])
         return chain.mechanism(), _solved(chain, tensions[None], forces[None]).poses[0].numpy()
 
@@ -203,7 +205,7 @@ class DesignTask(Task):
 
 
 @lru_cache
-def _check(space: DesignSpace) -> None:
+def check_space(space: DesignBox) -> None:
     """Raises InvalidInput for a space in which hardly any design is valid."""
     space.sample(1, np.random.default_rng(0))
 
@@ -219,13 +221,19 @@ def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> A
     return np.stack([improvement, -reward.violation * violation, -reward.failure * failed], -1) + 0.0
 
 
-def _solved(chain: DifferentiableChain, tensions: Array, forces: Array) -> Equilibria:
-    """Equilibria of designs (B,) under tensions and forces on the tip, (B, K, 2) each [N]."""
+def origins(equilibria: Equilibria) -> torch.Tensor:
+    """Origins of all links, (..., n, 2), in space (..., n, 3) [mm]."""
+    poses = equilibria.poses
+    return poses[..., :3, 3] if isinstance(equilibria, SpatialEquilibria) else poses[..., :2]
+
+
+def _solved(chain: Any, tensions: Array, forces: Array) -> Equilibria:
+    """Equilibria of designs (B,) under tensions (B, K, m) and forces on the tip, (B, K, 2 or 3) [N]."""
     with torch.no_grad():
         chains = chain[:, None]
         return solve_tensions(chains, torch.as_tensor(tensions), tip_loads(torch.as_tensor(forces), chains))
 
 
-def _rounded(values: torch.Tensor) -> Array:
+def rounded(values: torch.Tensor) -> Array:
     """Numbers without the last digits, which depend on the batch."""
     return np.round(values.numpy(), _DECIMALS) + 0.0

@@ -1,4 +1,4 @@
-"""The native vector environment of the design task."""
+"""The native vector environments of the design tasks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import TaskVectorEnv
-from rj_gym.design.env import CurvatureDesignEnv
+from rj_gym.design.env import CoDesignEnv, CurvatureDesignEnv
 
 
 class CurvatureDesignVectorEnv(TaskVectorEnv):
@@ -19,3 +19,15 @@ class CurvatureDesignVectorEnv(TaskVectorEnv):
 
     metadata = TaskVectorEnv.metadata | {"render_fps": 4}
     scalar: ClassVar[type[TaskEnv]] = CurvatureDesignEnv
+
+
+class CoDesignVectorEnv(TaskVectorEnv):
+    """`num_envs` independent CoDesignEnv in one batch, each with its own mechanism: the same task, spaces and infos.
+
+    Lane i is seeded with `seed + i` and follows a CoDesignEnv with that seed.
+
+    Arguments as for TaskVectorEnv; `config` and `overrides` as for CoDesignEnv.
+    """
+
+    metadata = TaskVectorEnv.metadata | {"render_fps": 4}
+    scalar: ClassVar[type[TaskEnv]] = CoDesignEnv

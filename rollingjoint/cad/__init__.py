@@ -1,8 +1,9 @@
-"""Manufacturing files of mechanisms: outlines as DXF and SVG, bodies as STL, an assembly drawing as PDF or PNG.
+"""Manufacturing files of mechanisms: outlines as DXF and SVG, bodies as STL and STEP, drawings as PDF or PNG.
 
-Chains in space and arms of beads have STL alone, of every link and of the assembly.
+Chains in space and arms of beads have solids alone, of every link and of the assembly.
 
-The packages that write these files are imported when a file is written: pip install "rollingjoint[cad]".
+The packages that write these files are imported when a file is written: pip install "rollingjoint[cad]",
+for STEP "rollingjoint[step]".
 
 Modules:
     assembly: the bodies of a mechanism in their poses.
@@ -13,13 +14,14 @@ Modules:
     fabrication: thickness, channels and tolerance of bodies.
     files: the files of an export, written all or none.
     flat: DXF and SVG.
+    kits: solids from curves, cylinders and cuts, faceted or exact.
     packages: imports of packages that only an export needs.
     sampling: surfaces as polylines within a tolerance.
     sheet: a sheet of paper in mm.
-    solid: bodies as STL.
+    solid: bodies of planar links.
     space_body: bodies of the links of chains in space.
     space_files: their files.
-    space_solid: their bodies as STL.
+    space_solid: their bodies.
     tables: the tables of the assembly drawing.
 """
 

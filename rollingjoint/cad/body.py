@@ -57,7 +57,7 @@ class Body:
 
     @property
     def _mouths(self) -> Array:
-        return np.array([channel.mouths for channel in self.channels])
+        return np.array([[*channel.mouths, (channel.depth, 0.0)] for channel in self.channels])
 
 
 def bodies(mechanism: RollingChain, fabrication: Fabrication | None = None) -> list[Body]:
@@ -78,7 +78,8 @@ def _body(mechanism: RollingChain, i: int, link: Link, making: Fabrication) -> B
     if not making.channel_diameter:
         return blank
     passing = [(j, holes[i]) for j, holes in enumerate(mechanism.hole_points) if i < len(holes)]
-    channels = tuple(drill_channel(Blank(i, parent, child), j, holes, making) for j, holes in passing)
+    depths = [making.depth(j, mechanism.n_tendons) for j in range(mechanism.n_tendons)]
+    channels = tuple(drill_channel(Blank(i, parent, child), j, holes, making, depths[j]) for j, holes in passing)
     _check_spacing(i, channels, making.wall)
     return Body(parent, child, channels, making.thickness)
 
@@ -98,11 +99,12 @@ def _check_outline(i: int, body: Body) -> None:
 def _check_spacing(i: int, channels: tuple[Channel, ...], wall: float) -> None:
     shapely = package("shapely")
     for first, second in itertools.combinations(channels, 2):
-        thickness = shapely.LineString(first.mouths).distance(shapely.LineString(second.mouths)) - first.diameter
+        apart = shapely.LineString(first.mouths).distance(shapely.LineString(second.mouths))
+        thickness = float(np.hypot(apart, first.depth - second.depth)) - first.diameter
         if thickness < wall:
             raise MechanismError(
                 f"wall between the channels of tendons {first.tendon} and {second.tendon} in link {i}",
                 round(thickness, 4),
                 f"at least {wall:g} mm",
-                "Move the holes apart, or make the channels narrower.",
+                "Move the holes apart, give the channels depths, or make them narrower.",
             )

@@ -29,6 +29,7 @@ class Channel:
         edges: the same for the two lines a radius to either side of it, (2, 2, 2): edge, mouth, point [mm].
         drill: begin and end of the cylinder that cuts it, beyond both surfaces, (2, 2) [mm].
         diameter: [mm].
+        depth: of its centre line above z = 0 [mm].
     """
 
     tendon: int
@@ -37,6 +38,7 @@ class Channel:
     edges: Array
     drill: Array
     diameter: float
+    depth: float
 
 
 class Blank(NamedTuple):
@@ -47,13 +49,13 @@ class Blank(NamedTuple):
     child: Array
 
 
-def drill_channel(blank: Blank, tendon: int, holes: Array, making: Fabrication) -> Channel:
-    """The channel of a tendon through a link, holes (2, 2) [mm].
+def drill_channel(blank: Blank, tendon: int, holes: Array, making: Fabrication, depth: float) -> Channel:
+    """The channel of a tendon through a link at a depth, holes (2, 2) [mm].
 
     Raises:
         MechanismError: holes without a direction, a channel that leaves the body or has too thin a wall.
     """
-    return _Drilling(blank, tendon, holes, making).channel()
+    return _Drilling(blank, tendon, holes, making).channel(depth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class _Drilling:
     holes: Array
     making: Fabrication
 
-    def channel(self) -> Channel:
+    def channel(self, depth: float) -> Channel:
         """The channel; MechanismError if it cannot be drilled."""
         span, diameter = float(np.hypot(*np.subtract(*self.holes))), self.making.channel_diameter
         if span < diameter:
@@ -76,7 +78,7 @@ class _Drilling:
         mouths, *edges = (self._crossing(offset, "channel") for offset in (0.0, -radius, radius))
         for offset in (-radius - wall, radius + wall):
             self._crossing(offset, f"wall of {wall:g} mm")
-        return Channel(self.tendon, self.holes, mouths, np.array(edges), self._drill(radius), diameter)
+        return Channel(self.tendon, self.holes, mouths, np.array(edges), self._drill(radius), diameter, depth)
 
     def _check_inside(self, span: float) -> None:
         shapely = package("shapely")

@@ -31,10 +31,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             option, dest=name, type=float, default=default, metavar="MM", help=f"{text} (default {default:g})"
         )
+    text = "depths of the channels from z = 0, one, or one for each tendon (default half the thickness)"
+    parser.add_argument("--depths", nargs="+", type=float, default=(), metavar="MM", help=text)
     parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def export_files(mechanism: AnyChain | Solution, args: argparse.Namespace) -> list[Path]:
     """The files written by the options."""
     sizes = {name: getattr(args, name) for _, name, _ in _SIZES}
-    return export(mechanism, args.out, args.format, overwrite=args.overwrite, **sizes)
+    return export(mechanism, args.out, args.format, overwrite=args.overwrite, depths=args.depths, **sizes)

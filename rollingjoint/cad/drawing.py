@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 SCALES = tuple(step * 10.0**power for power in range(1, -5, -1) for step in (5.0, 2.0, 1.0))
 """Standard scales (ISO 5455), drawn length over real length: 50:1 to 1:10000."""
 
-_DETAIL_HEIGHT = 84.0  # mm
+_DETAIL_HEIGHT, _PART_HEIGHT = 84.0, 150.0  # mm of the paper for a part beside the assembly, and on its sheet
 _ASSEMBLY_ROOM, _DETAIL_ROOM = np.array([31.0, 32.0]), np.array([44.0, 36.0])  # mm for dimensions around a view
 _BALLOONS_APART = 5.6  # mm; a link without this room for its number gets none
 _FILL = "#DCE3EB"
@@ -71,10 +71,11 @@ def assembly_drawing(
     return path
 
 
-def write_drawing(path: Path, assembly: Assembly) -> None:
-    """Writes the drawing of an assembly in the format of the path's suffix."""
+def write_drawing(path: Path, assembly: Assembly, link: int | None = None) -> None:
+    """Writes the drawing of an assembly, or of one of its links, in the format of the path's suffix."""
     metadata = {"CreationDate": None} if path.suffix.lower() == ".pdf" else None  # the same drawing, the same file
-    draw_assembly(assembly).savefig(path, dpi=200, metadata=metadata)
+    figure = draw_assembly(assembly) if link is None else draw_link(assembly, link)
+    figure.savefig(path, dpi=200, metadata=metadata)
 
 
 def draw_assembly(assembly: Assembly) -> Figure:
@@ -82,9 +83,20 @@ def draw_assembly(assembly: Assembly) -> Figure:
     layout, scale = _choose(assembly)
     sheet = Sheet(layout.paper)
     _draw_assembly(sheet, layout.assembly, assembly, scale)
-    _draw_detail(sheet, layout.detail, assembly)
+    _draw_detail(sheet, layout.detail, assembly, max(assembly.first_alike, key=assembly.first_alike.count))
     draw_tables(sheet, layout.tables, assembly)
     sheet.title_block(layout.title, _title(assembly, layout.paper, scale))
+    return sheet.figure
+
+
+def draw_link(assembly: Assembly, link: int) -> Figure:
+    """The sheet of a link and those identical to it: two views, its holes, a title block, on A4."""
+    sheet, layout = Sheet(A4), _layout(A4)
+    left, _, right, top = frame_of(A4)
+    middle = top - _PART_HEIGHT
+    scale = _draw_detail(sheet, Box(left, middle, right, top), assembly, link)
+    draw_tables(sheet, Box(left + 4.0, layout.tables.bottom, right - 4.0, middle), assembly, link)
+    sheet.title_block(layout.title, _title(assembly, A4, scale, link))
     return sheet.figure
 
 
@@ -181,9 +193,8 @@ def _right_edge(outline: Array, y: float) -> float:
     return float(np.max(x0 + (y - y0) / (y1 - y0) * (x1 - x0), initial=-np.inf))
 
 
-def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
-    """Draws the most frequent part, from the front and from the side."""
-    first = max(assembly.first_alike, key=assembly.first_alike.count)
+def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly, first: int) -> float:
+    """Draws a part, by its first link, from the front and from the side; the scale."""
     body = assembly.bodies[first]
     low, high = body.bounds
     size = high - low + [body.thickness, 0.0]
@@ -202,8 +213,12 @@ def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
     name = f"LINK{'S' if len(alike) > 1 else ''} {ranges(alike)}"
     sheet.text([box.left + 4.0, box.top - 5.0], f"{name}  {scale_text(scale)}", 3.4, weight="bold")
     if body.channels:
-        note = f"Ø{assembly.making.channel_diameter:g} through, at half thickness"
+        depths = sorted({channel.depth for channel in body.channels})
+        half = depths == [0.5 * body.thickness]
+        where = "half thickness" if half else f"depths of {', '.join(map(millimetres, depths))}"
+        note = f"Ø{assembly.making.channel_diameter:g} through, at {where}"
         sheet.text([box.left + 4.0, box.top - 10.0], note, 2.5)
+    return scale
 
 
 def _dimension_channels(sheet: Sheet, view: _SheetTransform, body: Body, y: float) -> None:
@@ -219,16 +234,24 @@ def _dimension_channels(sheet: Sheet, view: _SheetTransform, body: Body, y: floa
 def _draw_side(sheet: Sheet, box: Box, body: Body) -> None:
     left, bottom, right, top = box
     sheet.area([[left, bottom], [right, bottom], [right, top], [left, top]], _FILL, edge=0.4)
-    middle = 0.5 * (left + right)
-    sheet.line([[middle, bottom - 2.0], [middle, top + 2.0]], 0.13, THIN_INK, (3.0, 0.7, 0.5, 0.7))
+    depths = {channel.depth for channel in body.channels} or {0.5 * body.thickness}
+    for depth in sorted(depths):
+        x = left + (right - left) * depth / body.thickness
+        sheet.line([[x, bottom - 2.0], [x, top + 2.0]], 0.13, THIN_INK, (3.0, 0.7, 0.5, 0.7))
     sheet.dimension([left, bottom], [right, bottom], -7.0, millimetres(body.thickness))
 
 
-def _title(assembly: Assembly, paper: PaperSize, scale: float) -> list[list[tuple[float, str, str]]]:
+def _title(
+    assembly: Assembly, paper: PaperSize, scale: float, link: int | None = None
+) -> list[list[tuple[float, str, str]]]:
     chain, making = assembly.chain, assembly.making
+    name, label = chain.name or "mechanism", f"assembly, {assembly.state}"
+    if link is not None:
+        alike = dict(different_parts(assembly))[link]
+        name, label = f"{name}, link {ranges(alike)}", f"part, {len(alike)} of {chain.n_links} links"
     return [
         [
-            (110.0, f"assembly, {assembly.state}", chain.name or "mechanism"),
+            (110.0, label, name),
             (30.0, "scale", scale_text(scale)),
             (20.0, "sheet", paper.name),
             (20.0, "units", "mm"),

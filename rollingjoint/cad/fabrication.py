@@ -19,6 +19,8 @@ class Fabrication:
         wall: thinnest wall around a channel.
         bore: diameter of a hole along z through the middle of every link in space, as for a backbone or wires; 0 leaves
             it out.
+        depths: of the channels of all tendons in a planar body, from z = 0 to their middle, one number or one for each
+            tendon; none: half the thickness.
     Raises:
         InvalidInput: a number beyond its range, or a channel wider than the body is thick.
     """
@@ -28,6 +30,7 @@ class Fabrication:
     tolerance: float = 1e-3
     wall: float = 0.4
     bore: float = 0.0
+    depths: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -51,3 +54,19 @@ class Fabrication:
                 f"at least {smallest:g} mm: the channel, {self.channel_diameter:g}, and twice the wall, {self.wall:g}"
             )
             raise InvalidInput("thickness", self.thickness, needed, "Make the body thicker or the channel narrower.")
+        self._check_depths(0.5 * smallest)
+
+    def _check_depths(self, least: float) -> None:
+        allowed = (
+            f"numbers from {least:g} to {self.thickness - least:g} mm, inside the body with walls of {self.wall:g}"
+        )
+        depths = as_floats("depths", self.depths, allowed).ravel()
+        if not ((depths >= least) & (depths <= self.thickness - least)).all():
+            raise InvalidInput("depths", self.depths, allowed, "Make the body thicker or the channel narrower.")
+        object.__setattr__(self, "depths", tuple(depths.tolist()))
+
+    def depth(self, tendon: int, tendons: int) -> float:
+        """Depth of the channels of a tendon of so many [mm]; InvalidInput for another number of depths."""
+        if len(self.depths) not in (0, 1, tendons):
+            raise InvalidInput("depths", self.depths, f"one number, or {tendons}, one for each tendon")
+        return (self.depths * tendons)[tendon] if self.depths else 0.5 * self.thickness

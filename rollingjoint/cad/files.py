@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import csv
 import functools
+import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rollingjoint.cad.assembly import Assembly, assemble
 from rollingjoint.cad.drawing import write_drawing
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes, write_dxf, write_svg
-from rollingjoint.cad.solid import write_stl
-from rollingjoint.cad.space_files import assemble_in_space, writers_in_space
+from rollingjoint.cad.kits import Exact
+from rollingjoint.cad.solid import carved, write_stl
+from rollingjoint.cad.space_files import assemble_in_space, step_files, writers_in_space
+from rollingjoint.cad.tables import different_parts
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.errors import InvalidInput, naming
 
-FORMATS = ("dxf", "svg", "stl", "pdf", "png")
-"""Formats of `export`: plane files, solids, and the assembly drawing in two forms. In space there is STL alone."""
+Array = NDArray[np.float64]
+
+FORMATS = ("dxf", "svg", "stl", "step", "pdf", "png")
+"""Formats of `export`: plane files, solids in two forms, and drawings in two forms. In space there are solids alone."""
 
 DEFAULT_FORMATS = ("dxf", "svg", "stl")
 
@@ -39,18 +47,19 @@ def export(
     tolerance: float = Fabrication.tolerance,
     wall: float = Fabrication.wall,
     bore: float = Fabrication.bore,
+    depths: Sequence[float] = (),
     overwrite: bool = False,
 ) -> list[Path]:
     """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, a table of identical links.
 
-    DXF, SVG and STL hold one link per file, in its frame, in mm; DXF, SVG, PDF and PNG also the assembly, of chains in
-    space STL.
+    DXF, SVG, STL and STEP hold one link per file, in its frame, in mm; all but the STL of planar chains also the
+    assembly. PDF and PNG have the assembly, and a sheet of every link that is not identical to an earlier one.
 
     Args:
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
         folder: created if missing; its parent must exist.
         formats: some of FORMATS; unless given, all in DEFAULT_FORMATS that the mechanism has.
-        thickness, channel_diameter, tolerance, wall, bore: see Fabrication [mm].
+        thickness, channel_diameter, tolerance, wall, bore, depths: see Fabrication [mm].
         overwrite: replace existing files.
     Raises:
         MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
@@ -59,7 +68,7 @@ def export(
         SolverError: an equilibrium that is not usable.
         OSError: a folder that cannot be written.
     """
-    target, making = Path(folder), Fabrication(thickness, channel_diameter, tolerance, wall, bore)
+    target, making = Path(folder), Fabrication(thickness, channel_diameter, tolerance, wall, bore, tuple(depths))
     writers = dict(_writers_of(mechanism, making, formats))
     _check_free(target, writers, overwrite)
     with tempfile.TemporaryDirectory(prefix=".export-", dir=target if target.is_dir() else target.parent) as place:
@@ -79,9 +88,13 @@ def _writers_of(
         if making.bore:
             raise InvalidInput("bore", making.bore, "0 for a planar chain, whose links are plates")
         return _writers(assemble(mechanism, making), names)
-    if formats != DEFAULT_FORMATS and names != ["stl"]:
-        raise InvalidInput("formats", names, "stl, the one format of chains in space and arms")
-    return writers_in_space(assemble_in_space(mechanism, making))
+    if making.depths:
+        raise InvalidInput("depths", making.depths, "none for chains in space, whose channels run from hole to hole")
+    if formats == DEFAULT_FORMATS:
+        names = ["stl"]
+    if not set(names) <= {"stl", "step"}:
+        raise InvalidInput("formats", names, "stl or step, the formats of chains in space and arms")
+    return writers_in_space(assemble_in_space(mechanism, making), names)
 
 
 def _checked_formats(formats: Iterable[str]) -> list[str]:
@@ -108,6 +121,11 @@ def _writers(assembly: Assembly, formats: list[str]) -> Iterator[tuple[str, Call
         yield from _plane_files(f"link_{i}", shapes(body), f"{name}, link {i}", formats)
         if "stl" in formats:
             yield f"link_{i}.stl", functools.partial(write_stl, body=body, tolerance=assembly.making.tolerance)
+    if "step" in formats:
+        kit = Exact()
+        exact = {k: carved(assembly.bodies[k], kit) for k in sorted(set(assembly.first_alike))}
+        frames = [planar_frame(pose) for pose in assembly.poses]
+        yield from step_files([exact[k] for k in assembly.first_alike], frames, kit)
     together = [
         shape for body, pose in zip(assembly.bodies, assembly.poses, strict=True) for shape in shapes(body, pose)
     ]
@@ -115,7 +133,16 @@ def _writers(assembly: Assembly, formats: list[str]) -> Iterator[tuple[str, Call
     for suffix in ("pdf", "png"):
         if suffix in formats:
             yield f"assembly.{suffix}", functools.partial(write_drawing, assembly=assembly)
+            for first, _ in different_parts(assembly):
+                yield f"link_{first}.{suffix}", functools.partial(write_drawing, assembly=assembly, link=first)
     yield "parts.csv", functools.partial(_write_parts, assembly=assembly)
+
+
+def planar_frame(pose: Array) -> Array:
+    """The frame (3, 4) in space of a pose (x, y, angle)."""
+    x, y, angle = pose.tolist()
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[cos, -sin, 0.0, x], [sin, cos, 0.0, y], [0.0, 0.0, 1.0, 0.0]])
 
 
 def _plane_files(

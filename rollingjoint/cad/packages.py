@@ -17,5 +17,7 @@ def package(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        allowed, hint = "a package that is installed", 'Run: pip install "rollingjoint[cad]".'
-        raise InvalidInput("package for the export", name.partition(".")[0], allowed, hint) from None
+        top = name.partition(".")[0]
+        allowed = "a package that is installed"
+        hint = f'Run: pip install "rollingjoint[{"step" if top == "OCP" else "cad"}]".'
+        raise InvalidInput("package for the export", top, allowed, hint) from None

@@ -1,4 +1,4 @@
-"""Solid bodies: outlines with a thickness and channels cut out, as STL."""
+"""Solid bodies: outlines with a thickness and channels cut out, for STL and STEP."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from rollingjoint.cad.body import Body
 from rollingjoint.cad.channel import Channel
-from rollingjoint.cad.packages import package
+from rollingjoint.cad.kits import Faceted, Kit
 from rollingjoint.errors import MechanismError
 
 TURNS = (0.5, 0.31, 0.17, 0.43)  # tried in turn: a channel's corner on an edge of the outline leaves no closed body
 
 
 def solid(body: Body, tolerance: float = 1e-3) -> Any:
-    """The body as a trimesh.Trimesh in its link's frame [mm]: z from 0 to the thickness, channels at half thickness.
+    """The body as a trimesh.Trimesh in its link's frame [mm]: z from 0 to the thickness, channels at their depths.
 
     Corners have 32 bits, as in STL; the mesh is closed.
 
@@ -27,7 +27,8 @@ def solid(body: Body, tolerance: float = 1e-3) -> Any:
         MechanismError: corners too close for a closed body with 32 bits.
     """
     for turn in TURNS:
-        mesh = _cut(body, tolerance, turn)
+        kit = Faceted(tolerance, turn)
+        mesh = kit.mesh(carved(body, kit))
         if mesh.is_watertight:
             return mesh
     corners = "corners that are apart in 32 bits"
@@ -39,23 +40,18 @@ def write_stl(path: Path, body: Body, tolerance: float) -> None:
     solid(body, tolerance).export(path, file_type="stl")
 
 
-def _cut(body: Body, tolerance: float, turn: float) -> Any:
-    """The block less its channels; the corners of every channel are turned about its axis by a share of a side."""
-    manifold3d, trimesh = package("manifold3d"), package("trimesh")
-    block = manifold3d.Manifold.extrude(manifold3d.CrossSection([body.outline]), body.thickness)
+def carved(body: Body, kit: Kit) -> Any:
+    """The block less its channels, made with a kit."""
+    block = kit.prism([body.parent, body.child[::-1]], body.thickness)
     for channel in body.channels:
-        block -= _drill(channel, body.thickness, tolerance, turn)
-    mesh = block.to_mesh64()
-    corners = mesh.vert_properties[:, :3].astype(np.float32)
-    return trimesh.Trimesh(corners, mesh.tri_verts, process=True)
+        block = kit.cut(block, _drill(channel, kit))
+    return block
 
 
-def _drill(channel: Channel, thickness: float, tolerance: float, turn: float) -> Any:
-    """The cylinder that cuts a channel, as manifold3d's Manifold."""
+def _drill(channel: Channel, kit: Kit) -> Any:
+    """The cylinder that cuts a channel."""
     begin, end = channel.drill
-    length, radius = float(np.hypot(*(end - begin))), 0.5 * channel.diameter
-    sides = int(4 * np.ceil(np.pi / (4 * np.arccos(1 - tolerance / radius))))
+    length = float(np.hypot(*(end - begin)))
     along, (x, y) = (end - begin) / length, begin
-    frame = [[0.0, -along[1], along[0], x], [0.0, along[0], along[1], y], [-1.0, 0.0, 0.0, 0.5 * thickness]]
-    cylinder = package("manifold3d").Manifold.cylinder(length, radius, radius, sides)
-    return cylinder.rotate((0.0, 0.0, turn * 360.0 / sides)).transform(np.array(frame))
+    frame = [[0.0, -along[1], along[0], x], [0.0, along[0], along[1], y], [-1.0, 0.0, 0.0, channel.depth]]
+    return kit.placed(kit.cylinder(0.5 * channel.diameter, length), np.array(frame))

@@ -1,10 +1,10 @@
-"""The files of a chain in space or an arm: STL of every link and of the assembly, and a table of identical links."""
+"""The files of a chain in space or an arm: solids of every link and of the assembly, a table of identical links."""
 
 from __future__ import annotations
 
 import csv
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.cad.fabrication import Fabrication
+from rollingjoint.cad.kits import Exact, write_step
 from rollingjoint.cad.space_body import SpatialBody, spatial_bodies
-from rollingjoint.cad.space_solid import placed, spatial_solid, write_mesh
+from rollingjoint.cad.space_solid import carved_in_space, placed, spatial_solid, write_mesh
 from rollingjoint.chain.equilibrium import EquilibriumInSpace
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.spatial import SpatialChain
@@ -70,12 +71,27 @@ def assemble_in_space(
     return SpatialAssembly(mechanism.poses, making, spatial_bodies(mechanism.mechanism, making))
 
 
-def writers_in_space(assembly: SpatialAssembly) -> Iterator[tuple[str, Callable[[Path], None]]]:
-    """File names with the writer of each."""
-    for i, mesh in enumerate(assembly.meshes):
-        yield f"link_{i}.stl", functools.partial(write_mesh, mesh=mesh)
-    yield "assembly.stl", functools.partial(write_mesh, mesh=placed(assembly.meshes, assembly.poses))
+def writers_in_space(assembly: SpatialAssembly, formats: Sequence[str]) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """File names with the writer of each, of the formats stl and step."""
+    if "stl" in formats:
+        for i, mesh in enumerate(assembly.meshes):
+            yield f"link_{i}.stl", functools.partial(write_mesh, mesh=mesh)
+        yield "assembly.stl", functools.partial(write_mesh, mesh=placed(assembly.meshes, assembly.poses))
+    if "step" in formats:
+        kit, tolerance = Exact(), assembly.making.tolerance
+        parts = {k: carved_in_space(assembly.bodies[k], k, kit, tolerance) for k in sorted(set(assembly.first_alike))}
+        yield from step_files([parts[k] for k in assembly.first_alike], [pose[:3] for pose in assembly.poses], kit)
     yield "parts.csv", functools.partial(_write_parts, assembly=assembly)
+
+
+def step_files(
+    solids: Sequence[Any], frames: Sequence[Array], kit: Exact
+) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """Names and writers of the STEP files of all links in their frames, and of the assembly, poses (3, 4) [mm]."""
+    for i, solid in enumerate(solids):
+        yield f"link_{i}.step", functools.partial(write_step, solids=[(f"link_{i}", solid)])
+    together = [(f"link_{i}", kit.placed(*pair)) for i, pair in enumerate(zip(solids, frames, strict=True))]
+    yield "assembly.step", functools.partial(write_step, solids=together)
 
 
 def _write_parts(path: Path, assembly: SpatialAssembly) -> None:

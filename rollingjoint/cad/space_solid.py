@@ -1,4 +1,4 @@
-"""Solid bodies of links in space, as STL: a round block less the room of its neighbours and its channels."""
+"""Solid bodies of links in space, for STL and STEP: a round block less the room of its neighbours and its channels."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.cad.kits import Faceted, Kit
 from rollingjoint.cad.packages import package
 from rollingjoint.cad.solid import TURNS
 from rollingjoint.cad.space_body import SET_BACK, SpatialBody, SpatialChannel, SpatialFace
@@ -26,7 +27,8 @@ def spatial_solid(body: SpatialBody, link: int, tolerance: float = 1e-3) -> Any:
         MechanismError: a body of no or several pieces; corners too close for a closed body with 32 bits.
     """
     for turn in TURNS:
-        mesh = _cut(body, link, tolerance, turn)
+        kit = Faceted(tolerance, turn)
+        mesh = kit.mesh(carved_in_space(body, link, kit, tolerance))
         if mesh.is_watertight:
             return mesh
     hint = "Raise the tolerance, or move the holes a little."
@@ -45,39 +47,38 @@ def placed(meshes: list[Any], poses: Array) -> Any:
     )
 
 
-def _cut(body: SpatialBody, link: int, tolerance: float, turn: float) -> Any:
-    trimesh = package("trimesh")
-    block = _block(body, tolerance, turn)
+def carved_in_space(body: SpatialBody, link: int, kit: Kit, tolerance: float) -> Any:
+    """The body, made with a kit; raises MechanismError for one of no or several pieces."""
+    block = _block(body, kit)
     for channel in body.channels:
-        block -= _drill(channel, body, tolerance, turn)
+        block = kit.cut(block, _drill(channel, body, kit, tolerance))
     if body.bore:
-        block -= _cylinder(body, 0.5 * body.bore, tolerance, turn)
-    pieces = block.decompose()
-    if len(pieces) != 1:
+        block = kit.cut(block, _cylinder(body, 0.5 * body.bore, kit))
+    pieces = kit.pieces(block)
+    if pieces != 1:
         hint = "Move its surfaces apart, or narrow their limits."
-        raise MechanismError(f"number of pieces of the body of link {link}", len(pieces), "1", hint)
-    mesh = block.to_mesh64()
-    corners = mesh.vert_properties[:, :3].astype(np.float32)
-    return trimesh.Trimesh(corners, mesh.tri_verts, process=True)
-
-
-def _block(body: SpatialBody, tolerance: float, turn: float) -> Any:
-    """The body without channels, as manifold3d's Manifold; its outline is turned by a share of a side."""
-    reach, (bottom, top) = body.radius + 1.0, _extent(body)
-    block = _cylinder(body, body.radius, tolerance, turn)  # the corners of contact surfaces lie on its circle
-    for face in body.faces:
-        room = _half_space(face, reach, (bottom, top), SET_BACK if face.rolls else 0.0)
-        block ^= room + _half_space(face, reach, (bottom, top), 0.0, face.half_width) if face.rolls else room
+        raise MechanismError(f"number of pieces of the body of link {link}", pieces, "1", hint)
     return block
 
 
-def _cylinder(body: SpatialBody, radius: float, tolerance: float, turn: float) -> Any:
-    """A cylinder around a circle about z, longer than the body, as manifold3d's Manifold."""
+def _block(body: SpatialBody, kit: Kit) -> Any:
+    """The body without channels."""
+    reach, extent = body.radius + 1.0, _extent(body)
+    block = _cylinder(body, body.radius, kit)  # the corners of contact surfaces lie on its circle
+    for face in body.faces:
+        room = _half_space(face, reach, extent, kit, SET_BACK if face.rolls else 0.0)
+        if face.rolls:
+            room = kit.joined(room, _half_space(face, reach, extent, kit, 0.0, face.half_width))
+        block = kit.common(block, room)
+    return block
+
+
+def _cylinder(body: SpatialBody, radius: float, kit: Kit) -> Any:
+    """A cylinder around a circle about z, longer than the body."""
     bottom, top = _extent(body)
-    count = _sides(radius, tolerance)
-    outer = radius / np.cos(np.pi / count)
-    cylinder = package("manifold3d").Manifold.cylinder(top - bottom, outer, outer, count)
-    return cylinder.rotate((0.0, 0.0, turn * 360.0 / count)).translate((0.0, 0.0, bottom))
+    frame = np.eye(3, 4)
+    frame[2, 3] = bottom
+    return kit.placed(kit.cylinder(radius, top - bottom, around=True), frame)
 
 
 def _extent(body: SpatialBody) -> tuple[float, float]:
@@ -87,22 +88,22 @@ def _extent(body: SpatialBody) -> tuple[float, float]:
 
 
 def _half_space(
-    face: SpatialFace, reach: float, extent: tuple[float, float], back: float, half_width: float | None = None
+    face: SpatialFace, reach: float, extent: tuple[float, float], kit: Kit, back: float, half_width: float | None = None
 ) -> Any:
     """The space on the body's side of a face that is moved back into the body; within a half width, if there is one."""
-    manifold3d = package("manifold3d")
     curve = face.continued(reach + 1.0) - [0.0, face.side * back]
     end = extent[0] - 1.0 if face.side > 0 else extent[1] + 1.0
-    outline = np.concatenate([curve, [[curve[-1, 0], end], [curve[0, 0], end]]])[:: -face.side]
+    smooth = [curve[1:-1]] if face.rolls else [point[None] for point in curve[1:-1]]
+    parts = [curve[:1], *smooth, curve[-1:], np.array([[curve[-1, 0], end]]), np.array([[curve[0, 0], end]])]
+    outline = [part[:: -face.side] for part in parts[:: -face.side]]
     middle, half = (0.0, reach) if half_width is None else (face.middle, half_width)
-    prism = manifold3d.Manifold.extrude(manifold3d.CrossSection([outline]), 2.0 * half)
     lateral, axial, axis = face.frame
-    return prism.transform(np.column_stack([lateral, axial, axis, (middle - half) * axis]))
+    frame = np.column_stack([lateral, axial, axis, (middle - half) * axis])
+    return kit.placed(kit.prism(outline, 2.0 * half), frame)
 
 
-def _drill(channel: SpatialChannel, body: SpatialBody, tolerance: float, turn: float) -> Any:
-    """The round tool that cuts a channel with its flares, as manifold3d's Manifold."""
-    manifold3d = package("manifold3d")
+def _drill(channel: SpatialChannel, body: SpatialBody, kit: Kit, tolerance: float) -> Any:
+    """The round tool that cuts a channel with its flares."""
     parent, child = channel.holes
     length, radius = float(np.linalg.norm(child - parent)), 0.5 * channel.diameter
     bottom, top = _extent(body)
@@ -112,14 +113,8 @@ def _drill(channel: SpatialChannel, body: SpatialBody, tolerance: float, turn: f
     half += [(radius, tolerance)] if entry > 0.0 else []  # within the body: a flat face may pass through the hole
     half += [(radius, length - tolerance)] if leaving > 0.0 else []
     half += [(radius + reach * np.tan(leaving), length + reach), (0.0, length + reach)]
-    sides = _sides(radius, tolerance)
-    tool = manifold3d.Manifold.revolve(manifold3d.CrossSection([half]), sides).rotate((0.0, 0.0, turn * 360.0 / sides))
     along = (child - parent) / length
     across = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     across /= np.linalg.norm(across)
-    return tool.transform(np.column_stack([across, np.cross(along, across), along, parent]))
-
-
-def _sides(radius: float, tolerance: float) -> int:
-    """Sides of a regular polygon that is nowhere farther than the tolerance from a circle around it."""
-    return int(4 * np.ceil(np.pi / (4 * np.arccos(1 - tolerance / radius))))
+    frame = np.column_stack([across, np.cross(along, across), along, parent])
+    return kit.placed(kit.revolved(np.array(half)), frame)

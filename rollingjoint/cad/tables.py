@@ -12,12 +12,12 @@ from rollingjoint.cad.sheet import ROW, Box, Sheet
 _TABLE = 84.0  # mm, width of a table at most
 
 
-def draw_tables(sheet: Sheet, box: Box, assembly: Assembly) -> None:
-    """Draws the tables of links and holes, side by side, or one below the other on a narrow sheet."""
+def draw_tables(sheet: Sheet, box: Box, assembly: Assembly, link: int | None = None) -> None:
+    """Draws the tables of links and holes, or of one part, side by side, or one below the other on a narrow sheet."""
     width, room = min(float(box.size[0]), _TABLE), int(box.size[1] / ROW) - 1
     columns = width * np.array([0.28, 0.2, 0.2, 0.32])
-    end = sheet.table([box.left, box.top], "Links", columns, _shortened(_link_rows(assembly), room))
-    holes = _shortened(_hole_rows(assembly), room)
+    end = sheet.table([box.left, box.top], "Links", columns, _shortened(_link_rows(assembly, link), room))
+    holes = _shortened(_hole_rows(assembly, link), room)
     if len(holes) > 1:
         corner = [box.left + _TABLE + ROW, box.top] if _two_columns(box) else [box.left, end - ROW]
         columns = width * np.array([0.19, 0.17, 0.18, 0.14, 0.18, 0.14])
@@ -41,21 +41,26 @@ def _two_columns(box: Box) -> bool:
     return bool(box.size[0] >= 2 * _TABLE + ROW)
 
 
-def _link_rows(assembly: Assembly) -> list[list[str]]:
+def _link_rows(assembly: Assembly, link: int | None = None) -> list[list[str]]:
     rows = [["link", "width", "height", "height at s = 0"]]
-    for first, links in different_parts(assembly):
+    for first, links in _shown(assembly, link):
         low, high = assembly.bodies[first].bounds
         rows.append([ranges(links), *map(millimetres, [*(high - low), assembly.chain.links[first].height])])
     return rows
 
 
-def _hole_rows(assembly: Assembly) -> list[list[str]]:
+def _hole_rows(assembly: Assembly, link: int | None = None) -> list[list[str]]:
     rows = [["link", "tendon", "parent x", "y", "child x", "y"]]
-    for first, links in different_parts(assembly):
+    for first, links in _shown(assembly, link):
         for k, channel in enumerate(assembly.bodies[first].channels):
             name = "" if k else ranges(links)
             rows.append([name, str(channel.tendon), *map(millimetres, channel.holes.ravel())])
     return rows
+
+
+def _shown(assembly: Assembly, link: int | None) -> list[tuple[int, list[int]]]:
+    """All distinct parts, or the one of this first link."""
+    return [part for part in different_parts(assembly) if link in (None, part[0])]
 
 
 def different_parts(assembly: Assembly) -> list[tuple[int, list[int]]]:

@@ -335,6 +335,14 @@ class Solution(ABC):
         return every[0] if every else []
 
     @property
+    def wall_gaps(self) -> Array:
+        """(candidates,) gap of every pair of outline and wall, negative where a compliant wall gives way [mm]; planar."""
+        if self.walls is None:
+            return np.zeros((*self._codes.shape, 0))
+        gaps = self.walls.touched(self._designs, self.joint_angles)[0].gaps
+        return gaps.reshape(*self._codes.shape, -1)
+
+    @property
     def insertion_force(self) -> float | Array:
         """Force that drives the base forwards against the walls, along its y axis [N]."""
         force = -self.wall_forces[..., 1].sum(axis=-1)

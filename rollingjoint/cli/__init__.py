@@ -8,6 +8,7 @@ Modules:
     loop_command: the command `rj loop`.
     mjcf: the option --mjcf of `rj export`.
     reach_command: the command `rj reach`.
+    trace_command: the command `rj trace`.
     warmup_command: the command `rj warmup`.
 """
 

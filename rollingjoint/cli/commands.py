@@ -19,7 +19,15 @@ from rollingjoint.chain.presets import PRESETS
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import suggestion
-from rollingjoint.cli import loop_command, mjcf, reach_command, warmup_command
+from rollingjoint.cli import (
+    loop_command,
+    mjcf,
+    plan_command,
+    reach_command,
+    trace_command,
+    warmup_command,
+    workspace_command,
+)
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
@@ -115,8 +123,23 @@ def _reach(args: argparse.Namespace) -> int:
     return OK if result.ok else NOT_USABLE
 
 
+def _plan(args: argparse.Namespace) -> int:
+    _check_picture(args.plot)
+    return OK if plan_command.run(args).ok else NOT_USABLE
+
+
+def _workspace(args: argparse.Namespace) -> int:
+    _check_picture(args.out)
+    workspace_command.run(args)
+    return OK
+
+
 def _loop(args: argparse.Namespace) -> int:
     return OK if loop_command.run(args) else NOT_USABLE
+
+
+def _trace(args: argparse.Namespace) -> int:
+    return OK if trace_command.run(args) else NOT_USABLE
 
 
 def _export(args: argparse.Namespace) -> int:
@@ -226,6 +249,12 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     reach = commands.add_parser("reach", help="lengths or tensions that bring the tip to a target")
     reach_command.add_options(reach)
     reach.set_defaults(run=_reach)
+    plan = commands.add_parser("plan", help="lengths over time that lead the tip along a path")
+    plan_command.add_options(plan)
+    plan.set_defaults(run=_plan)
+    space = commands.add_parser("workspace", help="where the tip can be; dexterity, force and stiffness there")
+    workspace_command.add_options(space)
+    space.set_defaults(run=_workspace)
     plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")
@@ -236,6 +265,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
     loop_command.add_options(loop)
     loop.set_defaults(run=_loop)
+    path = commands.add_parser("trace", help="one step after another, with friction that remembers, among walls")
+    trace_command.add_options(path)
+    path.set_defaults(run=_trace)
     export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL, a drawing; MuJoCo model")
     add_case(export, required=False)
     command.add_options(export)

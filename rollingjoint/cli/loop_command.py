@@ -126,7 +126,7 @@ def _swing(args: argparse.Namespace, mechanism: AnyChain) -> list[float]:
 def _check_picture(args: argparse.Namespace) -> None:
     if args.plot:
         from rollingjoint.plotting.figure import check_figure_path
-        from rollingjoint.plotting.loops import ANIMATED
+        from rollingjoint.plotting.film import ANIMATED
 
         check_figure_path(args.plot, more=(ANIMATED,))
         if args.plot.lower().endswith(f".{ANIMATED}") and len(args.friction or [0]) > 1:
@@ -135,7 +135,8 @@ def _check_picture(args: argparse.Namespace) -> None:
 
 def _draw(loops: Sequence[Loop], path: str) -> None:
     from rollingjoint.plotting.figure import save_figure
-    from rollingjoint.plotting.loops import ANIMATED, plot_loops, save_animation
+    from rollingjoint.plotting.film import ANIMATED
+    from rollingjoint.plotting.loops import plot_loops, save_animation
 
     if path.lower().endswith(f".{ANIMATED}"):
         save_animation(loops[0], path)

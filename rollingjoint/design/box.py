@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -41,13 +42,33 @@ class DesignBox(ABC):
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.
     Coordinates beyond the box count as its border.
 
-    Attributes of its class:
-        margin_names: of the margins of a design.
-        tensors: the class of its designs.
     """
 
-    margin_names: ClassVar[tuple[str, ...]]
-    tensors: ClassVar[type[ChainTensors]]
+    @property
+    @abstractmethod
+    def margin_names(self) -> tuple[str, ...]:
+        """Names of the margins of a design."""
+
+    @property
+    @abstractmethod
+    def tensors(self) -> type[ChainTensors]:
+        """The class of its designs."""
+
+    @cached_property
+    def plain(self) -> ChainTensors:
+        """The design of `reference()`: its numbers of links and tendons are those of all designs."""
+        with torch.no_grad():
+            return self.chain(torch.as_tensor(self.reference()))
+
+    @property
+    def dimension(self) -> int:
+        """Of the room in which its designs move, 2 or 3."""
+        return int(self.plain.holes.shape[-1])
+
+    @property
+    def length(self) -> float:
+        """Length of the mechanism of `reference()`, to scale by [mm]."""
+        return float(self.plain.mechanism().length)
 
     @property
     @abstractmethod
@@ -164,6 +185,27 @@ class DesignBox(ABC):
                 )
         return samples[:count]
 
+    def _with_values(self, values: Mapping[str, ArrayLike]) -> Array:
+        """The vector with these numbers by the names of groups, all else as in the reference, (d,).
+
+        Raises:
+            InvalidInput: a name without a range that is free, numbers outside it.
+        """
+        numbers, begin = self.physical(self.reference()), 0
+        free = {name: part for name, part in self.groups.items() if part.free}
+        for name in values:
+            if name not in free:
+                raise InvalidInput("number of the design", name, f"one of {', '.join(free)}")
+        for name, part in free.items():
+            if name in values:
+                allowed = f"numbers in [{part.range[0]:g}, {part.range[1]:g}], one or {part.free}"
+                entries = as_floats(name, values[name], allowed)
+                if entries.shape not in ((), (part.free,)) or not _within(entries, part.range):
+                    raise InvalidInput(name, values[name], allowed)
+                numbers[begin : begin + part.free] = entries
+            begin += part.free
+        return self.unit(numbers)
+
     def _vectors(self, x: Tensor) -> Tensor:
         x = torch.as_tensor(x).to(torch.float64)
         if x.ndim == 0 or x.shape[-1] != self.dimensions:
@@ -182,6 +224,10 @@ class DesignBox(ABC):
             else:
                 blocks[name] = values.new_full((1, 1), part.range[0]).expand(len(x), len(part.labels))
         return blocks
+
+
+def _within(values: Array, ends: Range) -> bool:
+    return bool(((values >= ends[0]) & (values <= ends[1])).all())
 
 
 def _like(x: T, values: Array) -> T:

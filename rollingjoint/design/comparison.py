@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_floats
-from rollingjoint.design.objectives import Objective, check_fits
+from rollingjoint.design.objectives import Objective, check_fits, checked_measure
 from rollingjoint.differentiable import DifferentiableChain, DifferentiableSpatialChain
 from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.errors import InvalidInput, SolverError
@@ -33,7 +33,7 @@ def measure(mechanism: AnyChain, objectives: Iterable[Objective]) -> Array:
     for objective in objectives:
         check_fits(objective, kind)
         with torch.no_grad():
-            measured = objective.measure(chain)
+            measured = checked_measure(objective, chain)
         if not bool(measured.ok):
             raise SolverError(f"{objective.name}: {mechanism.name!r} has no stable equilibrium in one of its cases")
         values.append(float(measured.values))

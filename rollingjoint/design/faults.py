@@ -6,6 +6,7 @@ It reads the exact surfaces of a mechanism, finely sampled, and finds nearest po
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 from rollingjoint.chain import joint_table
 from rollingjoint.chain.outline import rotation
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_joints import RollingContact
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.profile import Surface
 
@@ -22,12 +25,15 @@ Array = NDArray[np.float64]
 LEAST_CURVATURE = 0.003
 """Least relative curvature of a joint [1/mm]; at zero the contact would run away."""
 
+_ROUNDING = 1e-9  # mm
 _STEP = 0.05  # mm between points of a surface
 _CONTACTS = 25  # of a joint, from end to end
 _DEPTH = 1e-3  # mm; a smaller overlap is rounding of the sampled surfaces
 
 
-def faults(mechanism: RollingChain, smallest_radius: float, wall: float) -> list[str]:
+def faults(
+    mechanism: RollingChain, smallest_radius: float, wall: float, least_curvature: float = LEAST_CURVATURE
+) -> list[str]:
     """Faults of a mechanism, one line each; empty if it can be made.
 
     Args:
@@ -35,9 +41,10 @@ def faults(mechanism: RollingChain, smallest_radius: float, wall: float) -> list
             that no holes cross.
         smallest_radius: smallest radius that can be machined [mm].
         wall: minimum wall thickness [mm].
+        least_curvature: least relative curvature of a joint [1/mm].
     """
     return [
-        *_relative_curvatures(mechanism),
+        *_relative_curvatures(mechanism, least_curvature),
         *_overlaps(mechanism),
         *_radii(mechanism, smallest_radius),
         *_holes(mechanism, wall),
@@ -45,14 +52,46 @@ def faults(mechanism: RollingChain, smallest_radius: float, wall: float) -> list
     ]
 
 
-def _relative_curvatures(mechanism: RollingChain) -> Iterator[str]:
+def spatial_faults(mechanism: SpatialChain, smallest_radius: float, wall: float, tube_radius: float) -> list[str]:
+    """Faults of a chain in space, one line each; empty if it can be made.
+
+    Args:
+        mechanism: its constructor has checked that links can roll on each other and that no holes cross.
+        smallest_radius, wall: as for `faults`; the wall of holes to the outside and to those at the link's other end.
+        tube_radius: outer radius [mm].
+    """
+    messages = []
+    radius = mechanism.hole_radius + wall
+    if radius > tube_radius + _ROUNDING:
+        messages.append(f"holes end {radius:.4g} mm from the axis, outside the tube of {tube_radius:g} mm")
+    lengths = [np.linalg.norm(points[1:-1, 1] - points[1:-1, 0], axis=-1) for points in mechanism.hole_points]
+    shortest = min((float(length.min()) for length in lengths if length.size), default=math.inf)
+    if shortest < wall - _ROUNDING:
+        messages.append(f"channels of {shortest:.4g} mm are shorter than the wall of {wall:g} mm")
+    for number, joint in enumerate(mechanism.joints):
+        if isinstance(joint, RollingContact):
+            messages += _contact_faults(number, joint, smallest_radius, tube_radius)
+    return messages
+
+
+def _contact_faults(number: int, joint: RollingContact, smallest_radius: float, tube_radius: float) -> Iterator[str]:
+    corner = math.hypot(max(map(abs, joint.limits)), joint.half_width)
+    if corner > tube_radius + _ROUNDING:
+        yield f"contact of joint {number} reaches {corner:.4g} mm from the axis, outside the tube"
+    s = np.linspace(*joint.limits, 201)
+    sharpest = max(float(np.abs(surface.profile.curvature(s)).max()) for surface in (joint.child, joint.parent))
+    if sharpest * smallest_radius > 1.0 + _ROUNDING:
+        yield f"surfaces of joint {number} have a radius of {1.0 / sharpest:.4g} mm, too small to machine"
+
+
+def _relative_curvatures(mechanism: RollingChain, least: float) -> Iterator[str]:
     for i, child, parent in _joints(mechanism):
         s = _arc_lengths(child)
         kappa = child.curvature(s) - parent.curvature(s)
-        if kappa.max() > -LEAST_CURVATURE:
+        if kappa.max() > -least:
             yield (
                 f"joint {i} has a relative curvature of {kappa.max():.3g} /mm at s = {s[kappa.argmax()]:.3g} mm,"
-                f" above {-LEAST_CURVATURE:g}"
+                f" above {-least:g}"
             )
 
 

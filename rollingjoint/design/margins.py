@@ -24,9 +24,9 @@ _SHARPNESS = 100.0
 _BLOCK = 512
 _CONTACT_STEP = 4  # cells between the sampled contacts of a joint
 _PAIR_STEP = 2  # cells between the sampled points of pairs
-_CHORD = 0.15  # least distance of two points over their distance along the surfaces
+CHORD = 0.15  # least distance of two points over their distance along the surfaces
 _ROUNDING = 1e-9  # of places
-_CLEARANCE = 0.3  # least distance of the surfaces, relative to surfaces with the least curvature
+CLEARANCE = 0.3  # least distance of the surfaces, relative to surfaces with the least curvature
 
 
 def margins(numbers: Numbers, smallest_radius: float, wall: float) -> Tensor:
@@ -126,7 +126,7 @@ def _places(cells: int, symmetric: bool) -> _SamplePlaces:
     counts = _counts(torch.where(far > 0, 0.0, places[moved]), symmetric)[:, None]
     closeness = _inverse_squares(places[moved, None] - places)
     missed = 0.5 * (places[1] - places[0]).square()  # curves that cross have samples nearer than that
-    weights = torch.where(closeness > 0, torch.exp(_SHARPNESS * (missed * closeness + _CHORD**2) + counts), 0.0)
+    weights = torch.where(closeness > 0, torch.exp(_SHARPNESS * (missed * closeness + CHORD**2) + counts), 0.0)
     apart = torch.where(nearness > 0, 0.0, -10.0 * _SHARPNESS)
     return _SamplePlaces(contacts, nearness, apart, far, moved, closeness, weights.flatten())
 
@@ -165,7 +165,7 @@ def _near(
     factors = scale * _flat(torch.stack([half_turn, shift * inverse, -inverse], -1))
     columns = _flat(1j * torch.stack([normal * above.conj(), normal, normal * below.conj()], -1))
     powers = torch.addcmul(places.apart, factors @ columns.mT, places.nearness)
-    return _summed(powers) + _SHARPNESS * _CLEARANCE * LEAST_CURVATURE * width
+    return _summed(powers) + _SHARPNESS * CLEARANCE * LEAST_CURVATURE * width
 
 
 def _far(width: Tensor, places: _SamplePlaces, moved: Tensor, below: Tensor) -> Tensor:
@@ -202,7 +202,7 @@ def _holes(sampled: _Sampled, wall: float) -> Tensor:
     square = ((places[:, None, :] - sampled.curve.grid[:, None]) * width[..., None]).square()
     soft = 0.01
     gap = (soft * kappa[..., None] - 2.0 * (local[:, child] + local[:, parent])) / (square[:, None] + soft)
-    crossing = width[..., None, None] * (gap - _CLEARANCE * LEAST_CURVATURE)
+    crossing = width[..., None, None] * (gap - CLEARANCE * LEAST_CURVATURE)
     powers = -_SHARPNESS * torch.cat([edge, crossing.flatten(1)], -1)
     return _summed(powers) + torch.log(torch.tensor(2.0 / hole.shape[1], dtype=torch.float64))
 

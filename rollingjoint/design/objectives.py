@@ -22,7 +22,7 @@ from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import LOAD_COLUMNS, WorldForce, pair_columns
+from rollingjoint.load import WorldForce
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
 
 _SMALLEST_ROTATION = 1e-6  # rad; smaller rotations of the tip count as this
@@ -38,7 +38,7 @@ class Measured(NamedTuple):
 
 
 class Objective(Protocol):
-    """A number that describes a design.
+    """A number that describes a design; one of your own is a frozen dataclass of numbers with these members.
 
     One of chains in space has an attribute `tensors` of its class: DifferentiableSpatialChain.
     """
@@ -56,7 +56,11 @@ class Objective(Protocol):
         """Whether more is better."""
 
     def measure(self, chain: Any) -> Measured:
-        """The objective of every design of a chain with one leading axis, of the design space's class."""
+        """The objective of every design of a chain with one leading axis, of the design space's class.
+
+        Returns:
+            Measured: values, float64 (B,), differentiable and finite; ok, booleans (B,): every equilibrium exists.
+        """
 
 
 def check_fits(objective: Objective, tensors: type[ChainTensors]) -> None:
@@ -64,6 +68,20 @@ def check_fits(objective: Objective, tensors: type[ChainTensors]) -> None:
     wanted = getattr(objective, "tensors", DifferentiableChain)
     if wanted is not tensors:
         raise InvalidInput("objective", objective.name, f"one of a {tensors.__name__}, not of a {wanted.__name__}")
+
+
+def checked_measure(objective: Objective, chain: ChainTensors) -> Measured:
+    """What the objective measures; InvalidInput unless that is Measured with a value and ok of every design."""
+    found = objective.measure(chain)
+    shape = tuple(chain.batch)
+    if isinstance(found, tuple) and len(found) == 2 and all(isinstance(part, Tensor) for part in found):
+        values, ok = found
+        if tuple(values.shape) == tuple(ok.shape) == shape and values.dtype == torch.float64 and ok.dtype == torch.bool:
+            return Measured(values, ok)
+    allowed = f"Measured(values, ok): tensors of float64 and of booleans, both of shape {shape}"
+    parts = found if isinstance(found, tuple) else (found,)
+    described = [f"{part.dtype} {tuple(part.shape)}" if isinstance(part, Tensor) else part for part in parts]
+    raise InvalidInput(f"what {objective.name}.measure returns", described, allowed)
 
 
 @dataclass(frozen=True)
@@ -234,12 +252,14 @@ class TendonTravel(_RatioSweep):
         return Measured(travel, equilibria.ok.all(-1))
 
 
-def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
-    """Load tables with one dead force at the origin of the tip link, (..., 1, columns), of forces (..., 2) [N]."""
-    (place,) = pair_columns("f")
-    table = torch.nn.functional.pad(forces, (place.start, len(LOAD_COLUMNS) - place.stop))[..., None, :]
+def tip_loads(forces: Tensor, chain: ChainTensors) -> Tensor:
+    """Load tables with one dead force at the origin of the tip link, (..., 1, columns), of forces (..., 2 or 3) [N]."""
+    columns = chain.loads.columns
+    first = columns.index("fx")
+    place = first, len(columns) - first - forces.shape[-1]
+    table = torch.nn.functional.pad(forces, place)[..., None, :]
     link = torch.zeros(table.shape[-1], dtype=table.dtype, device=table.device)
-    link[LOAD_COLUMNS.index("link")] = chain.n_links - 1
+    link[columns.index("link")] = chain.n_links - 1
     return table + link
 
 

@@ -18,7 +18,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.box import DesignBox
 from rollingjoint.design.comparison import measure
-from rollingjoint.design.objectives import Measured, Objective, check_fits
+from rollingjoint.design.objectives import Measured, Objective, check_fits, checked_measure
 from rollingjoint.design.sweeps import shared_sweeps
 from rollingjoint.errors import InvalidInput
 
@@ -229,7 +229,7 @@ class Problem:
         chain = self.space.chain(vector)
         margins = torch.nan_to_num(self.space.margins(vector), nan=-1.0).clamp(-_FARTHEST, _FARTHEST)
         with shared_sweeps():
-            measured_by_objective = {objective: objective.measure(chain) for objective in self.distinct}
+            measured_by_objective = {objective: checked_measure(objective, chain) for objective in self.distinct}
         ok = finite
         for measured in measured_by_objective.values():
             ok = ok & measured.ok & torch.isfinite(measured.values)

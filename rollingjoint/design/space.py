@@ -5,13 +5,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import ClassVar, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.tendon import DEFAULT_STIFFNESS
 from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
@@ -19,6 +21,7 @@ from rollingjoint.design.curve import Curve, curve
 from rollingjoint.design.faults import faults
 from rollingjoint.design.inverse import compare, read
 from rollingjoint.design.margins import MARGINS, margins
+from rollingjoint.design.mechanism_space import MechanismSpace
 from rollingjoint.design.numbers import Numbers, Structure, structure
 from rollingjoint.design.ranges import checked
 from rollingjoint.differentiable import DifferentiableChain
@@ -54,9 +57,6 @@ class DesignSpace(DesignBox):
         ConfigError: a value out of its range.
     """
 
-    margin_names: ClassVar[tuple[str, ...]] = MARGINS
-    tensors: ClassVar[type[DifferentiableChain]] = DifferentiableChain
-
     n_links: int = 5
     knots: int = 5
     curve: Literal["linear", "cubic"] = "cubic"
@@ -82,6 +82,33 @@ class DesignSpace(DesignBox):
             if getattr(self, field.name) != field.default
         ]
         return f"DesignSpace({', '.join(changed)})"
+
+    @staticmethod
+    def of(mechanism: AnyChain | str | Path, **ranges: Any) -> MechanismSpace:
+        """The designs around any mechanism: a chain, the name of a preset or the path of a mechanism file.
+
+        Args:
+            mechanism: of any kind.
+            ranges: the fields of `MechanismSpace`, which has their meaning and defaults.
+        Raises:
+            ConfigError: a value out of its range, a name that is none of these fields.
+        """
+        return MechanismSpace.of_settings({"mechanism": mechanism, **ranges})
+
+    @property
+    def margin_names(self) -> tuple[str, ...]:
+        """Names of the margins of a design."""
+        return MARGINS
+
+    @property
+    def tensors(self) -> type[DifferentiableChain]:
+        """The class of its designs."""
+        return DifferentiableChain
+
+    @property
+    def length(self) -> float:
+        """Length of a design with links of the middle height [mm]."""
+        return self.n_links * 0.5 * sum(self.height)
 
     @property
     def groups(self) -> Mapping[str, NumberGroup]:

@@ -12,9 +12,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from rollingjoint.design.objectives import Measured, Rows, checked_rows, checked_tensions, constant, freeze
+from rollingjoint.design.objectives import Measured, Rows, checked_rows, checked_tensions, constant, freeze, tip_loads
 from rollingjoint.differentiable import DifferentiableSpatialChain, SpatialEquilibria, solve_tensions
-from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 MOST_FRICTION = 10.0
 """Coefficient of friction that counts where an end of a contact line lifts, where no friction is enough."""
@@ -44,11 +43,7 @@ class _Poses:
 
     def _solved(self, chain: DifferentiableSpatialChain) -> SpatialEquilibria:
         """The equilibria, (B, P, F)."""
-        forces = constant(self.forces, chain)
-        table = torch.zeros(len(forces), 1, len(SPATIAL_LOAD_COLUMNS), dtype=torch.float64, device=chain.device)
-        table[:, 0, SPATIAL_LOAD_COLUMNS.index("link")] = chain.n_links - 1
-        first = SPATIAL_LOAD_COLUMNS.index("fx")
-        table[:, 0, first : first + 3] = forces
+        table = tip_loads(constant(self.forces, chain), chain)
         equilibria = solve_tensions(chain[:, None, None], constant(self.tensions, chain)[:, None], table)
         assert isinstance(equilibria, SpatialEquilibria)
         return equilibria

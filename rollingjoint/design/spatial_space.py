@@ -6,21 +6,20 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
 from rollingjoint.chain.spatial import SpatialChain
-from rollingjoint.chain.spatial_joints import RollingContact
 from rollingjoint.checks import as_boolean, as_integer, as_number, as_range
 from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
 from rollingjoint.design.curve import Curve, curve
+from rollingjoint.design.faults import spatial_faults
 from rollingjoint.differentiable import DifferentiableSpatialChain
 from rollingjoint.differentiable.spatial_statics import gap_heights
-from rollingjoint.errors import ConfigError, InvalidInput
+from rollingjoint.errors import ConfigError
 
 SPATIAL_MARGINS = ("rolling", "radius", "gaps", "thickness", "tube")
 """Margins of a tube, in the order of `SpatialDesignSpace.margins`."""
@@ -44,7 +43,6 @@ _NUMBERS = {
     "wall": (0.01, 1000.0, "mm"),
     "tube_radius": (0.1, 1000.0, "mm"),
 }
-_ROUNDING = 1e-9  # mm
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,6 @@ class SpatialDesignSpace(DesignBox):
         ConfigError: a value out of its range.
     """
 
-    margin_names: ClassVar[tuple[str, ...]] = SPATIAL_MARGINS
-    tensors: ClassVar[type[DifferentiableSpatialChain]] = DifferentiableSpatialChain
-
     n_joints: int = 12
     ends: tuple[int, ...] = ()
     knots: int = 3
@@ -100,6 +95,16 @@ class SpatialDesignSpace(DesignBox):
     def __post_init__(self) -> None:
         for name, value in _checked({field.name: getattr(self, field.name) for field in fields(self)}).items():
             object.__setattr__(self, name, value)
+
+    @property
+    def margin_names(self) -> tuple[str, ...]:
+        """Names of the margins of a design."""
+        return SPATIAL_MARGINS
+
+    @property
+    def tensors(self) -> type[DifferentiableSpatialChain]:
+        """The class of its designs."""
+        return DifferentiableSpatialChain
 
     @property
     def groups(self) -> Mapping[str, NumberGroup]:
@@ -131,31 +136,7 @@ class SpatialDesignSpace(DesignBox):
 
         That surfaces roll and gaps stay open is checked by the chain itself when it is built.
         """
-        messages = []
-        radius = mechanism.hole_radius + self.wall
-        if radius > self.tube_radius + _ROUNDING:
-            messages.append(f"holes end {radius:.4g} mm from the axis, outside the tube of {self.tube_radius:g} mm")
-        lengths = [np.linalg.norm(points[1:-1, 1] - points[1:-1, 0], axis=-1) for points in mechanism.hole_points]
-        shortest = min((float(length.min()) for length in lengths if length.size), default=math.inf)
-        if shortest < self.wall - _ROUNDING:
-            messages.append(f"channels of {shortest:.4g} mm are shorter than the wall of {self.wall:g} mm")
-        for number, joint in enumerate(mechanism.joints):
-            if isinstance(joint, RollingContact):
-                messages += self._contact_faults(number, joint)
-        return messages
-
-    def _contact_faults(self, number: int, joint: RollingContact) -> list[str]:
-        messages = []
-        corner = math.hypot(max(map(abs, joint.limits)), joint.half_width)
-        if corner > self.tube_radius + _ROUNDING:
-            messages.append(f"contact of joint {number} reaches {corner:.4g} mm from the axis, outside the tube")
-        s = np.linspace(*joint.limits, 201)
-        sharpest = max(float(np.abs(surface.profile.curvature(s)).max()) for surface in (joint.child, joint.parent))
-        if sharpest * self.smallest_radius > 1.0 + _ROUNDING:
-            messages.append(
-                f"surfaces of joint {number} have a radius of {1.0 / sharpest:.4g} mm, too small to machine"
-            )
-        return messages
+        return spatial_faults(mechanism, self.smallest_radius, self.wall, self.tube_radius)
 
     def reference(self) -> Array:
         """The vector of plain links, (d,): convexities of 0.2 /mm if that is in range, all else in the middle."""
@@ -171,19 +152,7 @@ class SpatialDesignSpace(DesignBox):
         Raises:
             InvalidInput: a name without a range that is free, numbers outside it.
         """
-        numbers, begin = self.physical(self.reference()), 0
-        free = {name: part for name, part in self.groups.items() if part.free}
-        for name in values:
-            if name not in free:
-                raise InvalidInput("number of the design", name, f"one of {', '.join(free)}")
-        for name, part in free.items():
-            if name in values:
-                entries = np.broadcast_to(np.asarray(values[name], float), part.free)
-                if (entries < part.range[0]).any() or (entries > part.range[1]).any():
-                    raise InvalidInput(name, values[name], f"numbers in [{part.range[0]:g}, {part.range[1]:g}]")
-                numbers[begin : begin + part.free] = entries
-            begin += part.free
-        return self.unit(numbers)
+        return self._with_values(values)
 
     @property
     def _curve(self) -> Curve:

@@ -4,6 +4,7 @@ No other module of the library imports this package; `import rollingjoint` needs
 
 Modules:
     compiled: batches through the compiled solver.
+    contact: contact with walls at one pose, by the source of kernels.
     design: one chain in the plane or many as tensors.
     equilibria: results of the solvers.
     formulas: formulas of kernels as functions of tensors.
@@ -22,6 +23,8 @@ Modules:
     spatial_statics: the whole chain in space at given angles.
     statics: the whole chain at given angles: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
+    surroundings: walls as tensors.
+    walled: equilibria among walls.
 """
 
 from rollingjoint.errors import naming_extras
@@ -36,16 +39,20 @@ with naming_extras():
     from rollingjoint.differentiable.spatial_design import DifferentiableSpatialChain
     from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
     from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
+    from rollingjoint.differentiable.surroundings import DifferentiableSurroundings
+    from rollingjoint.differentiable.walled import WalledEquilibria
 
 __all__ = [
     "DifferentiableChain",
     "DifferentiableFriction",
     "DifferentiableSpatialChain",
+    "DifferentiableSurroundings",
     "Equilibria",
     "FrictionStates",
     "Settled",
     "SideBySide",
     "SpatialEquilibria",
+    "WalledEquilibria",
     "as_on_a_device",
     "linear_pieces",
     "solve_lengths",

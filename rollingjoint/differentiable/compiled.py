@@ -8,11 +8,13 @@ from torch import Tensor
 
 from rollingjoint.chain.batch import solve_batch, step_batch
 from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.friction_step import no_friction
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import Status, codes_of
 from rollingjoint.differentiable.friction import HISTORY
 from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.differentiable.statics import Law
+from rollingjoint.differentiable.walled import Among
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
@@ -20,8 +22,8 @@ from rollingjoint.kernels.friction import FrictionLaw
 
 
 def solve_compiled(
-    design: ChainTensors, law: Law, loads: Tensor, starts: Tensor, mask: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
+    design: ChainTensors, law: Law, loads: Tensor, starts: Tensor, mask: Tensor, among: Among | None = None
+) -> tuple[Tensor, Tensor, Tensor, Among | None]:
     """Equilibria of some rows of a batch.
 
     Args:
@@ -30,9 +32,10 @@ def solve_compiled(
         loads: load tables, (..., rows, columns).
         starts: joint angles, (..., J) [rad].
         mask: True for the rows to solve, (...).
+        among: the walls around them.
     Returns:
         joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...),
-        INVALID_INPUT for a mechanism that cannot be built. Other rows keep their starts.
+        INVALID_INPUT for a mechanism that cannot be built; the walls with the contacts. Other rows keep their starts.
     """
     design = design.replace(friction=None)  # part of the law: mechanisms that differ by friction alone are built once
     places = torch.arange(design.batch.numel(), device=mask.device).reshape(design.batch).expand(mask.shape)[mask]
@@ -43,7 +46,8 @@ def solve_compiled(
     phi, held = starts.clone(), torch.zeros_like(starts, dtype=torch.bool)
     status = torch.full(mask.shape, int(Status.INVALID_INPUT), device=mask.device)
     if not bool(mask.any()):
-        return phi, held, status
+        none = np.zeros(mask.numel(), bool)
+        return phi, held, status, None if among is None else among.solved(np.flatnonzero(none), none)
     mechanisms = tuple(chain for place in places[buildable].tolist() if (chain := built[place]) is not None)
 
     def rows(values: Tensor, axes: int = 1) -> np.ndarray:
@@ -53,19 +57,29 @@ def solve_compiled(
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
     inputs = type(mechanisms[0]), mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
-    if law.friction is None or law.history is None:
-        equilibrium = solve_batch(*inputs)
-    else:
+    places = np.flatnonzero(mask.reshape(-1).cpu().numpy())
+    walls = None if among is None else among.arrays(places, begin.shape[1])
+    if law.friction is not None and law.history is not None:
         before = {name: rows(getattr(law.history, name), axes) for name, axes in HISTORY.items()}
         m = law.command.shape[-1]
         tendons = torch.stack([tensor.expand(*tensor.shape[:-1], m) for tensor in law.friction.tensors], -1)
         rolling = np.tile([NO_FRICTION.rolling, ROLLING_PRESLIDING], (len(begin), 1))
         history = FrictionState(**before, rolling=np.zeros_like(begin))
-        equilibrium = step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
+        equilibrium = step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling), walls)
+    elif among is not None and among.before is not None:
+        coefficients, past = no_friction(begin, law.command.shape[-1])
+        equilibrium = step_batch(*inputs, FrictionState(*past), coefficients, walls)
+    else:
+        equilibrium = solve_batch(*inputs, walls)
+    codes = codes_of(equilibrium.status)
     phi[mask] = torch.tensor(equilibrium.joint_angles).to(phi)
     held[mask] = torch.tensor(~equilibrium.free_joints).to(held.device)
-    status[mask] = torch.tensor(codes_of(equilibrium.status)).to(status)
-    return phi, held, status
+    status[mask] = torch.tensor(codes).to(status)
+    if among is not None:
+        step, good = equilibrium.walls, (status <= int(Status.AT_LIMIT)).reshape(-1).numpy()
+        touched = step.memory or step.touched(inputs[2:4], equilibrium.joint_angles)[0].after
+        among = among.solved(places, good, step, touched)
+    return phi, held, status, among
 
 
 def _built(design: ChainTensors, place: int) -> AnyChain | None:

@@ -7,7 +7,7 @@ SIMD lanes: `of_tensors` runs its Python code on them. Vectors are tuples of ten
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -19,7 +19,7 @@ from rollingjoint.transmission import kernels as transmission
 Vector = tuple[Tensor, ...]
 
 
-def _root(value: Tensor) -> Tensor:
+def root(value: Tensor) -> Tensor:
     """The square root; its gradient at 0 is 0."""
     if not value.requires_grad:
         return value.sqrt()
@@ -43,19 +43,22 @@ _INSTEAD: dict[str, Any] = {
     "where": torch.where,
     "min": lambda value, high: value.clamp(max=high),
     "max": lambda value, low: value.clamp(min=low),
-    "math": types.SimpleNamespace(sqrt=_root, exp=torch.exp, log=torch.log),
+    "math": types.SimpleNamespace(sqrt=root, exp=torch.exp, log=torch.log),
 }
 
 
-def of_tensors(part: Any) -> Callable[..., Any]:
-    """A part of a kernel as a function of tensors; the parts that it calls are made so, too."""
+def of_tensors(part: Any, instead: Mapping[str, Any] = _INSTEAD) -> Callable[..., Any]:
+    """A part of a kernel as a function of tensors; the parts that it calls are made so, too.
+
+    instead: what stands for names in their source, which numba knows and tensors do not.
+    """
     function = part.py_func
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
-        if name in _INSTEAD:
-            names[name] = _INSTEAD[name]
+        if name in instead:
+            names[name] = instead[name]
         elif hasattr(names.get(name), "py_func"):
-            names[name] = of_tensors(names[name])
+            names[name] = of_tensors(names[name], instead)
     return types.FunctionType(function.__code__, names, function.__name__)
 
 

@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_integer
 from rollingjoint.differentiable.compiled import solve_compiled
+from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates, as_friction
 from rollingjoint.differentiable.geometry import Geometry
@@ -29,14 +30,20 @@ from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
 from rollingjoint.differentiable.spatial_statics import state_at
 from rollingjoint.differentiable.statics import Law
+from rollingjoint.differentiable.surroundings import DifferentiableSurroundings
+from rollingjoint.differentiable.walled import Among, WalledEquilibria, state_among
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.kernels.planar_loads import LINK_COLUMNS
 from rollingjoint.load import Load, with_all_columns, wrong_links
+from rollingjoint.surroundings import Surroundings
 
 History = Equilibria | FrictionStates | FrictionState | None
 """The equilibria before a step with friction, their friction state, or None for no friction at all."""
+
+ORIGIN = (0.0, 0.0, 0.0)
+"""The pose of the base in the world: x, y [mm], angle [rad]."""
 
 _CROSSED = -1e-9  # mm; below it the holes of a gap have changed places
 
@@ -50,6 +57,8 @@ def solve_tensions(
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
     steps: int | None = None,
+    surroundings: DifferentiableSurroundings | Surroundings | None = None,
+    base: Tensor | Sequence[float] = ORIGIN,
 ) -> Equilibria:
     """Equilibria under given tensions.
 
@@ -69,14 +78,19 @@ def solve_tensions(
             each row has arrived. With `steps`, a row that has not arrived is NOT_CONVERGED, where it would otherwise
             go to the compiled solver; a piece of a surface that turns by more than 11 rad is INVALID_INPUT, and so is
             a wrong link in a load table.
+        surroundings: walls around planar chains, with leading axes of the batch or none; None: none. Rows then go to
+            the compiled solver, whichever is named. Friction of walls acts where the history is among walls, too.
+        base: pose of the base among them, (..., 3) x, y [mm], angle [rad].
     Returns:
-        Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
+        Equilibria, WalledEquilibria among walls; look at `ok`. A design that cannot be built, like numbers that are
+        not finite, is INVALID_INPUT.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
     with without_looking(_fixed(steps, solver)):
-        return _solve(design, Law.constant(tau), loads, starts, solver, friction, history, steps)
+        around = _around(design, surroundings, base, history, steps)
+        return _solve(design, Law.constant(tau), loads, starts, solver, friction, history, steps, around)
 
 
 def solve_lengths(
@@ -89,17 +103,19 @@ def solve_lengths(
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
     steps: int | None = None,
+    surroundings: DifferentiableSurroundings | Surroundings | None = None,
+    base: Tensor | Sequence[float] = ORIGIN,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
 
     Args:
-        design, loads, starts, solver, friction, history, steps: as for `solve_tensions`.
+        design, loads, starts, solver, friction, history, steps, surroundings, base: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
         tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
         Equilibria; look at `ok`.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
     """
     command = _numbers(design, "lengths", lengths, design.n_tendons)
     limits = [_on_device(design, limit) for limit in tension_limits]
@@ -109,7 +125,8 @@ def solve_lengths(
     )
     law = Law(command, design.stiffnesses, low, high)
     with without_looking(_fixed(steps, solver)):
-        return _solve(design, law, loads, starts, solver, friction, history, steps)
+        around = _around(design, surroundings, base, history, steps)
+        return _solve(design, law, loads, starts, solver, friction, history, steps, around)
 
 
 def _fixed(steps: int | None, solver: str) -> bool:
@@ -131,6 +148,7 @@ def _solve(
     friction: DifferentiableFriction | CapstanFriction | None,
     history: History,
     steps: int | None,
+    among: Among | None,
 ) -> Equilibria:
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
@@ -141,6 +159,7 @@ def _solve(
     starts = before.angles if starts is None and before is not None else starts
     begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
     shapes = [design.batch, table.shape[:-2], *law.leading, *([] if begin is None else [begin.shape[:-1]])]
+    shapes += [] if among is None else among.leading
     try:
         batch = np.broadcast_shapes(*map(tuple, shapes))
     except ValueError:
@@ -151,12 +170,60 @@ def _solve(
     rolls = expanded.valid()
     good = rolls & _usable(law, table, design) & (True if begin is None else torch.isfinite(begin).all(-1))
     good = good.expand(batch)
+    if among is not None:
+        among = among.expanded(batch)
+        good = good & among.usable()
     law, table = _where(good, law, table)
     expanded = expanded.where(rolls)
     geometry = expanded.geometry()
     with torch.no_grad():
-        s, held, status = _search(expanded, geometry.detach(), law, table, begin, good, solver, steps)
-    return _tied(geometry, law, _acting(expanded, table), s, held, status)
+        if among is None:
+            s, held, status = _search(expanded, geometry.detach(), law, table, begin, good, solver, steps)
+        else:
+            s, held, status, among = _search_among(expanded, geometry.detach(), law, table, begin, good, among)
+    among = None if among is None else among.tied()
+    return _tied(geometry, law, _acting(expanded, table), s, held, status, among)
+
+
+def _around(
+    design: ChainTensors,
+    surroundings: DifferentiableSurroundings | Surroundings | None,
+    base: Tensor | Sequence[float],
+    history: History,
+    steps: int | None,
+) -> Among | None:
+    """The checked walls; None without."""
+    if surroundings is None:
+        return None
+    if not isinstance(design, DifferentiableChain):
+        raise InvalidInput("surroundings", surroundings, "None for chains in space", "Walls are for planar chains.")
+    if steps is not None or design.device.type != "cpu":
+        raise InvalidInput("surroundings", surroundings, "None beside steps and on devices")
+    if not isinstance(surroundings, DifferentiableSurroundings):
+        surroundings = DifferentiableSurroundings.of(surroundings, design.mechanism(0))
+    place = _numbers(design, "base", torch.as_tensor(base, dtype=torch.float64), 3)
+    if history is None or not surroundings.rubs:
+        return Among(surroundings, place)
+    if not isinstance(history, WalledEquilibria):
+        raise InvalidInput("history", type(history).__name__, "equilibria among walls, for friction of walls")
+    return Among(surroundings, place, history.wall_memory, history.walled)
+
+
+def _search_among(
+    design: ChainTensors,
+    geometry: Geometry,
+    law: Law,
+    loads: Tensor,
+    starts: Tensor | None,
+    good: Tensor,
+    among: Among,
+) -> tuple[Tensor, Tensor, Tensor, Among]:
+    """`_search` among walls, by the compiled solver, and the walls with the contacts that press."""
+    begin = torch.zeros(*good.shape, design.n_links - 1, dtype=torch.float64)
+    angles = geometry.contact(begin).angles if starts is None else torch.nan_to_num(starts).expand_as(begin)
+    phi, held, status, found = solve_compiled(design, law, loads, angles, good, among)
+    assert found is not None
+    return geometry.contacts(phi, begin), held, status, found
 
 
 def _search(
@@ -189,7 +256,7 @@ def _search(
     if not may_look():
         status = torch.where(unsolved, int(Status.NOT_CONVERGED), status)
     elif bool(unsolved.any()):
-        phi, stops, ends = solve_compiled(design, law, loads, geometry.contact(begin).angles, unsolved)
+        phi, stops, ends, _ = solve_compiled(design, law, loads, geometry.contact(begin).angles, unsolved)
         s = torch.where(unsolved[..., None], geometry.contacts(phi, begin), s)
         held, status = torch.where(unsolved[..., None], stops, held), torch.where(unsolved, ends, status)
     return s, held, status
@@ -203,14 +270,17 @@ def _acting(design: ChainTensors, table: Tensor) -> AnyLoads:
     return design.loads(table, design.n_links - 1)
 
 
-def _tied(geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+def _tied(
+    geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, held: Tensor, status: Tensor, among: Among | None = None
+) -> Equilibria:
     """The equilibria at contacts s as functions of all parameters behind the geometry, the law and the loads."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    before = state_at(geometry, law, loads, near, contact.moved((near - angle) / kappa))
+    at = contact.moved((near - angle) / kappa)
+    before = state_among(state_at(geometry, law, loads, near, at), among)
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
@@ -218,7 +288,8 @@ def _tied(geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, held: Tensor
     phi = _NewtonStep.apply(near, residual, H, fixed)
     moved = contact.moved((phi - angle) / kappa)
     kind = Equilibria if geometry.planes is None else SpatialEquilibria
-    return kind(status, ~held, moved.s, state_at(geometry, law, loads, phi, moved))
+    kind = kind if among is None else WalledEquilibria
+    return kind(status, ~held, moved.s, state_among(state_at(geometry, law, loads, phi, moved), among))
 
 
 class _NewtonStep(torch.autograd.Function):

@@ -219,6 +219,11 @@ class ChainState:
         return LoadsAtPose(self.loads, self.positions, self.rotations, self.link_angles, self.contacts)
 
     @property
+    def outer_forces(self) -> Tensor:
+        """Forces on the links beyond every joint that no tendon exerts, complex (..., J) [N]."""
+        return self.acting.forces
+
+    @property
     def moments(self) -> Tensor:
         """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
         return self.acting.moments
@@ -260,12 +265,12 @@ class ChainState:
     @property
     def _pole_stiffness(self) -> Tensor:
         """Stiffness from the moment arms of the loads, which change with the moving contacts, (..., J)."""
-        return cross(self._below * self.joints.pole, self.acting.forces)
+        return cross(self._below * self.joints.pole, self.outer_forces)
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
-        force = self._below * (self._pulls * self._gaps[1]).sum(-2) - self.acting.forces
+        force = self._below * (self._pulls * self._gaps[1]).sum(-2) - self.outer_forces
         return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property

@@ -1,6 +1,9 @@
-"""Hidden numbers of a mechanism in operation, from what its motors have measured.
+"""Hidden numbers of a mechanism in operation, from what its motors have measured (docs/estimation.md).
 
 Modules:
+    rig: what users call: estimators of rigs, with intervals.
+    simulated: rigs whose truth is known.
+    sampling: samples of a normal distribution within a box, compiled.
     hidden: the hidden numbers of an episode, and their distribution before any measurement.
     surfaces: the effects of displaced contact surfaces.
     kernels: histories of motors followed by many hidden numbers at once, compiled.
@@ -19,10 +22,34 @@ from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
 from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother, is_served
 from rollingjoint.estimate.arrays import MeasurementLaw, MotorHistory
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior, HiddenRanges
+from rollingjoint.estimate.rig import Estimated, RigEstimator, RigFilter, RigSensors, RigSmoother, Samples
+from rollingjoint.estimate.simulated import SimulatedRigs, simulated_rigs
 from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
 
 __all__ = [
-    "LARGEST_TILT", "ArmEffort", "ArmLaw", "ArmPrior", "ArmRanges", "ArmRows", "ArmSmoother", "Effort", "FollowedArm",
-    "HiddenLayout", "HiddenPrior", "HiddenRanges", "MeasurementLaw", "MotorHistory", "Smoothed", "Smoother",
+    "LARGEST_TILT",
+    "ArmEffort",
+    "ArmLaw",
+    "ArmPrior",
+    "ArmRanges",
+    "ArmRows",
+    "ArmSmoother",
+    "Effort",
+    "Estimated",
+    "FollowedArm",
+    "HiddenLayout",
+    "HiddenPrior",
+    "HiddenRanges",
+    "MeasurementLaw",
+    "MotorHistory",
+    "RigEstimator",
+    "RigFilter",
+    "RigSensors",
+    "RigSmoother",
+    "Samples",
+    "SimulatedRigs",
+    "Smoothed",
+    "Smoother",
     "is_served",
+    "simulated_rigs",
 ]  # fmt: skip

@@ -113,10 +113,10 @@ class Smoother:
         self._steps, self._n_tendons = self._before + steps, chain.n_tendons
         tables = surface_tables(chain, prior.layout, law.start_tension)
         priors = [prior, *([] if worn is None else [worn])]
-        self._fine = _Followed(chain, priors, law, tables, self._steps)
+        self.fine = FollowedChain(chain, priors, law, tables, self._steps)
         coarse = law._replace(tension_sd=max(law.tension_sd, self.effort.coarse_sd))
         exact = [each.without_surfaces() for each in priors]
-        self._coarse = _Followed(chain, exact, coarse, tables, self._steps)
+        self._coarse = FollowedChain(chain, exact, coarse, tables, self._steps)
         self.reset(np.ones(0, bool))
 
     def reset(self, mask: Mask) -> None:
@@ -127,7 +127,7 @@ class Smoother:
             pictures = np.full((count, self._steps, self._pictured, 3), np.nan)
             motors, shifts, tensions = (np.zeros((count, self._steps, m)) for _ in range(3))
             self.history = MotorHistory(np.zeros(count, np.int64), motors, shifts, tensions, pictures)
-            self._track = self._begun(np.arange(count), np.full(count, self._links[-1]))
+            self.track = self._begun(np.arange(count), np.full(count, self._links[-1]))
             self._damping = np.full(count, LEAST_DAMPING)
             self._since, self._tries, self._rested = (np.zeros(count, np.int64) for _ in range(3))
         rows = np.flatnonzero(mask)
@@ -136,17 +136,22 @@ class Smoother:
             self._damping[rows] = LEAST_DAMPING
             for counts in (self.history.counts, self._since, self._tries, self._rested):
                 counts[rows] = 0
-            _put(self._track, rows, self._begun(rows, np.full(len(rows), self._links[-1])))
+            _put(self.track, rows, self._begun(rows, np.full(len(rows), self._links[-1])))
 
     @property
     def links(self) -> Integers:
         """The links that are taken to be loaded, (N,)."""
-        return self._track.links
+        return self.track.links
+
+    @property
+    def joint_angles(self) -> Array:
+        """Of the nominal chain where the history was last followed, (N, n - 1) [rad]."""
+        return self.track.angles
 
     @property
     def priors(self) -> Integers:
         """Which prior explains the measurements best, (N,): 0, or 1 where it is the worn mechanism."""
-        return self._track.priors
+        return self.track.priors
 
     @property
     def measured_steps(self) -> Integers:
@@ -160,7 +165,7 @@ class Smoother:
 
     def _begun(self, episodes: Integers, links: Integers) -> Track:
         numbers, priors = np.tile(self.prior.means, (len(episodes), 1)), np.zeros(len(episodes), np.int64)
-        return self._fine.begun(episodes, links, priors, numbers)
+        return self.fine.begun(episodes, links, priors, numbers)
 
     def take_in(
         self,
@@ -179,19 +184,46 @@ class Smoother:
             pictures: x, y and angle of the moving links in a picture that comes now, (N, n - 1, 3) [mm, rad]; NaN where
                 none comes. ages: of the pictures, (N,) [steps].
         """
+        rows, late = self.append(motors, shifts, tensions, pictures, ages)
+        self._since[rows] += 1
+        self.fine.follow(self.track, self.history)
+        searched = np.zeros(self._count, bool)
+        searched[rows] = np.isin(self.measured_steps[rows], list(self.effort.searches))
+        if searched.any():
+            self._search(np.flatnonzero(searched), 1, self.effort.starts)
+        doubtful = self._doubtful(rows) & ~searched
+        if doubtful.any():
+            self._search(np.flatnonzero(doubtful), len(self.fine.priors), self.effort.starts + 1)
+            self._tries[doubtful] += 1
+        self._rested += 1
+        self._rested[searched | doubtful] = 0
+        self._renew(searched | doubtful, late)
+        return self._smoothed()
+
+    def append(
+        self,
+        motors: Array,
+        shifts: Array,
+        tensions: Array,
+        pictures: Array | None = None,
+        ages: Integers | None = None,
+    ) -> tuple[Integers, Mask]:
+        """Put a step into the histories; the episodes that had room for it, and whether a late picture came, (N,).
+
+        Arguments as of `take_in`.
+        """
         history = self.history
         if self._before:
             rows = np.flatnonzero(history.counts == 0)
-            history.motors[rows, 0], history.tensions[rows, 0] = motors[rows], self._fine.model.law.start_tension
+            history.motors[rows, 0], history.tensions[rows, 0] = motors[rows], self.fine.model.law.start_tension
             history.counts[rows] = 1
-            starts = self._track.numbers[rows]
-            self._place_at_start(starts, rows)
-            self._track.numbers[rows] = starts
+            starts = self.track.numbers[rows]
+            self.place_at_start(starts, rows)
+            self.track.numbers[rows] = starts
         rows = np.flatnonzero(history.counts < self._steps)
         for values, measured in zip(history[1:4], (motors, shifts, tensions), strict=True):
             values[rows, history.counts[rows]] = measured[rows]
         history.counts[rows] += 1
-        self._since[rows] += 1
         late = np.zeros(self._count, bool)
         if pictures is not None and ages is not None:
             places = history.counts - 1 - ages
@@ -199,23 +231,11 @@ class Smoother:
             late[np.setdiff1d(np.arange(self._count), rows)] = False
             history.pictures[np.flatnonzero(late), places[late]] = pictures[late]
             late &= ages > 0
-        self._fine.follow(self._track, history)
-        searched = np.zeros(self._count, bool)
-        searched[rows] = np.isin(self.measured_steps[rows], list(self.effort.searches))
-        if searched.any():
-            self._search(np.flatnonzero(searched), 1, self.effort.starts)
-        doubtful = self._doubtful(rows) & ~searched
-        if doubtful.any():
-            self._search(np.flatnonzero(doubtful), len(self._fine.priors), self.effort.starts + 1)
-            self._tries[doubtful] += 1
-        self._rested += 1
-        self._rested[searched | doubtful] = 0
-        self._renew(searched | doubtful, late)
-        return self._smoothed()
+        return rows, late
 
     def _doubtful(self, rows: Integers) -> Mask:
         """Whether the fits of these episodes are in doubt and rested since they were searched for last, (N,)."""
-        effort, misfit = self.effort, self._track.misfit / self._measurements()
+        effort, misfit = self.effort, self.track.misfit / self._measurements()
         due = np.zeros(self._count, bool)
         due[rows] = self.measured_steps[rows] > min(effort.searches, default=self._steps)
         return due & (misfit > effort.doubt) & (self._rested >= effort.patience) & (self._tries < effort.tries)
@@ -230,10 +250,10 @@ class Smoother:
 
         late: where a picture of an earlier step has come, whose costs are not known before that.
         """
-        effort, track = self.effort, self._track
+        effort, track = self.effort, self.track
         for number in range(effort.passes):
-            proposals, forces = self._fine.proposals(track, self._damping, effort.farthest)
-            change = np.abs(proposals - track.numbers) / np.maximum(self._fine.model.sds[track.priors], 1e-12)
+            proposals, forces = self.fine.proposals(track, self._damping, effort.farthest)
+            change = np.abs(proposals - track.numbers) / np.maximum(self.fine.model.sds[track.priors], 1e-12)
             due = (change.max(axis=1) > effort.moved) & (self._damping < MOST_DAMPING)
             if number == 0:
                 due |= (self._since >= effort.every) | searched | late
@@ -241,7 +261,7 @@ class Smoother:
             if not rows.size:
                 break
             which = track.episodes[rows], track.links[rows], track.priors[rows], proposals[rows], forces[rows]
-            trial = self._fine.followed(self.history, *which)
+            trial = self.fine.followed(self.history, *which)
             better = (trial.cost < track.cost[rows]) | (late[rows] & (number == 0))
             self._damping[rows] = adapted_damping(self._damping[rows], better)
             self._since[rows] = 0
@@ -249,6 +269,15 @@ class Smoother:
 
     def _search(self, rows: Integers, n_priors: int, n_starts: int) -> None:
         """Fit the histories of some episodes from many starts, with the first priors; keep fits with lower costs."""
+        fine = self.fits(rows, n_priors, n_starts)
+        costs = self.fine.unlikely(fine).reshape(len(rows), -1)
+        winners = np.arange(len(rows)) * costs.shape[1] + costs.argmin(axis=1)
+        better = costs.min(axis=1) < self.fine.unlikely(self.track)[rows]
+        _put(self.track, rows[better], fine, winners[better])
+        self._damping[rows[better]] = LEAST_DAMPING
+
+    def fits(self, rows: Integers, n_priors: int, n_starts: int) -> Track:
+        """Fits of the histories of some episodes from many starts, those of an episode adjacent, as many of each."""
         effort, widths = self.effort, slice(self.prior.layout.half_widths, self.prior.layout.frictions)
         if not np.any(self.prior.high[widths] > self.prior.low[widths]):
             n_starts = 1
@@ -260,43 +289,39 @@ class Smoother:
         low, high = (ends[priors][:, widths] for ends in self._coarse.bounds)
         starts[:, widths] = low + np.tile(places, (len(groups), 1)) * (high - low)
         numbers, episodes = np.tile(starts, (len(rows), 1)), np.repeat(rows, len(starts))
-        self._place_at_start(numbers, episodes)
+        self.place_at_start(numbers, episodes)
         which = episodes, np.tile(links, len(rows)), np.tile(priors, len(rows)), numbers
-        coarse = self._coarse.followed(self.history, *which, self._track.forces[episodes])
+        coarse = self._coarse.followed(self.history, *which, self.track.forces[episodes])
         self._fit(self._coarse, coarse, effort.rounds)
         costs = self._coarse.unlikely(coarse).reshape(len(rows) * len(groups), -1)
         order = costs.argsort(axis=1)[:, : effort.kept]
         best = (np.arange(len(costs))[:, None] * costs.shape[1] + order).ravel()
-        numbers = self._fine.model.means[coarse.priors[best]]
+        numbers = self.fine.model.means[coarse.priors[best]]
         numbers[:, : starts.shape[1]] = coarse.numbers[best]
         starts_again = coarse.episodes[best], coarse.links[best], coarse.priors[best], numbers, coarse.forces[best]
-        fine = self._fine.followed(self.history, *starts_again)
-        self._fit(self._fine, fine, 1 + effort.passes)
-        costs = self._fine.unlikely(fine).reshape(len(rows), -1)
-        winners = np.arange(len(rows)) * costs.shape[1] + costs.argmin(axis=1)
-        better = costs.min(axis=1) < self._fine.unlikely(self._track)[rows]
-        _put(self._track, rows[better], fine, winners[better])
-        self._damping[rows[better]] = LEAST_DAMPING
+        fine = self.fine.followed(self.history, *starts_again)
+        self._fit(self.fine, fine, 1 + effort.passes)
+        return fine
 
-    def _place_at_start(self, numbers: Array, episodes: Integers) -> None:
+    def place_at_start(self, numbers: Array, episodes: Integers) -> None:
         """Let tendons begin near the start tension, in hidden numbers (R, K), by places in the play.
 
         Where motors were set with their offsets, those account for the rest: a chain that is slack tells nothing.
         """
-        law, at, m = self._fine.model.law, self.prior.layout, self._n_tendons
+        law, at, m = self.fine.model.law, self.prior.layout, self._n_tendons
         if not (math.isfinite(law.start_sd) or math.isfinite(law.shown_sd)):
             return
-        tables, stiffnesses = self._fine.model.tables, self._fine.model.stiffnesses
+        tables, stiffnesses = self.fine.model.tables, self.fine.model.stiffnesses
         ahead = self.history.motors[episodes, 0] - (tables.start_lengths - law.start_tension / stiffnesses)
         widths = 2.0 * numbers[:, at.half_widths : at.frictions]
         shares = np.divide(ahead, widths, out=np.zeros_like(ahead), where=widths > 0.0)
         numbers[:, at.places : at.places + m] = np.clip(shares, -0.5, 0.5)
         if math.isfinite(law.shown_sd):
-            offsets, priors = slice(at.offsets, at.stiffnesses), self._fine.bounds
+            offsets, priors = slice(at.offsets, at.stiffnesses), self.fine.bounds
             rest = ahead - numbers[:, at.places : at.places + m] * widths
             numbers[:, offsets] = np.clip(-rest, *(bound[0, offsets] for bound in priors))
 
-    def _fit(self, followed: _Followed, track: Track, rounds: int) -> None:
+    def _fit(self, followed: FollowedChain, track: Track, rounds: int) -> None:
         """Levenberg-Marquardt steps of all rows, in place."""
         damping = np.full(len(track.steps), _FIRST)
         for _ in range(rounds):
@@ -307,8 +332,8 @@ class Smoother:
             _put(track, np.flatnonzero(better), trial, np.flatnonzero(better))
 
     def _smoothed(self) -> Smoothed:
-        track, at = self._track, self.prior.layout
-        numbers, _ = self._fine.proposals(track, self._damping, self.effort.farthest)
+        track, at = self.track, self.prior.layout
+        numbers, _ = self.fine.proposals(track, self._damping, self.effort.farthest)
         change = numbers - track.numbers
         widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.gains)
         commands = slice(at.offsets, at.stiffnesses)
@@ -324,7 +349,7 @@ class Smoother:
         )
 
 
-class _Followed:
+class FollowedChain:
     """A chain with some priors and a law, along whose rows histories are followed; bounds: of the priors, (P, K)."""
 
     def __init__(

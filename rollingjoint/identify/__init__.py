@@ -1,6 +1,9 @@
 """Parameters of a mechanism from measurements: friction, stiffness, offsets, base angle, errors of surfaces.
 
+`identify` fits poses that were measured one by one; `identify_rig` a recording over time, with play and sheaths.
+
 Modules:
+    beliefs: numbers of a rig as vectors, with beliefs about them.
     doubts: limits of the data, as warnings.
     errors: distances between predictions and readings.
     findings: estimates from all runs together and from each run.
@@ -16,22 +19,37 @@ Modules:
     profile: profiles of a fit, and intervals.
     ranges: ranges for domain randomisation.
     reading: the predicted readings at an equilibrium.
+    recording: recordings of a rig, read and written.
     report: an identification as text and plain values.
+    rig: the function `identify_rig` and its result.
+    rig_files: an identified rig as text and files.
+    twin: the model of a recorded rig.
 """
 
 from rollingjoint.identify.identification import Identification, identify
 from rollingjoint.identify.measurement_file import load_measurements, measurements_from_dict
 from rollingjoint.identify.measurements import Input, Measurements, Run, Step
 from rollingjoint.identify.parameters import KINDS
+from rollingjoint.identify.recording import RecordedRun, RecordingWriter, RigRecording, read_recording, write_recording
+from rollingjoint.identify.rig import IdentifiedRig, identify_rig
+from rollingjoint.identify.rig_files import save_rig
 
 __all__ = [
     "KINDS",
     "Identification",
+    "IdentifiedRig",
     "Input",
     "Measurements",
+    "RecordedRun",
+    "RecordingWriter",
+    "RigRecording",
     "Run",
     "Step",
     "identify",
+    "identify_rig",
     "load_measurements",
     "measurements_from_dict",
+    "read_recording",
+    "save_rig",
+    "write_recording",
 ]

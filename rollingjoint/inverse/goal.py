@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain import se3
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
@@ -70,32 +71,43 @@ class Goal:
         return _joined(self.points, self.frames, self.lever)
 
     def places(self, solution: Any) -> tuple[Array, Array]:
-        """Points and frames of the links at equilibria, as those of the goal."""
+        """Points and frames of the links at equilibria, or at one, as those of the goal."""
         d = solution.positions.shape[-1]
-        points = np.zeros((len(solution.positions), len(self.links), 3))
-        points[..., :d] = solution.positions[:, self.links]
+        single = solution.positions.ndim == 2
+        positions, poses = (values[None] if single else values for values in (solution.positions, solution.poses))
+        points = np.zeros((len(positions), len(self.links), 3))
+        points[..., :d] = positions[:, self.links]
         frames = np.zeros((len(points), len(self.links) if self.frames.shape[1] else 0, 9))
         if frames.size:
-            frames[:] = _rotations(solution.poses[:, self.links]).reshape(frames.shape)
+            frames[:] = _rotations(poses[:, self.links]).reshape(frames.shape)
         return points, frames
 
     def coordinates_of(self, solution: Any) -> Array:
         """`coordinates` of the links at equilibria."""
         return _joined(*self.places(solution), self.lever)
 
-    def distances(self, solution: Any) -> Array:
-        """Root of the mean square miss of the links at equilibria, (B,) [mm]."""
+    def misses(self, solution: Any) -> Array:
+        """Weighted coordinates by which the links are off at equilibria, (B, C) [mm]: places, then turns."""
         points, frames = self.places(solution)
-        off = np.minimum(np.abs(points - self.points), _FARTHEST)  # of targets that are no numbers, NaN
-        squares = np.sum(off**2, axis=(1, 2))
+        off = np.clip(points - self.points, -_FARTHEST, _FARTHEST)  # of targets that are no numbers, NaN
+        turns = np.zeros((*frames.shape[:-1], 3))
         if frames.size:
             ours, goals = (values.reshape(*values.shape[:2], 3, 3) for values in (frames, self.frames))
-            between = ours @ np.swapaxes(goals, -1, -2)
-            odd = between - np.swapaxes(between, -1, -2)
-            sines = np.linalg.norm(np.stack([odd[..., 2, 1], odd[..., 0, 2], odd[..., 1, 0]], -1), axis=-1) / 2.0
-            angles = np.arctan2(sines, (np.trace(between, axis1=-2, axis2=-1) - 1.0) / 2.0)
-            squares = squares + np.sum((self.lever * angles) ** 2, axis=1)
-        return np.asarray(np.sqrt(squares / len(self.links)))
+            turns = self.lever * se3.rotation_vector(ours @ np.swapaxes(goals, -1, -2))
+        return np.concatenate([off.reshape(len(off), -1), turns.reshape(len(off), -1)], axis=1)
+
+    def rates(self, solution: Any) -> Array:
+        """d miss / d joint angles at one equilibrium, (C, J) [mm/rad], turns to first order."""
+        jacobian, d = solution.pose_jacobian[self.links], solution.positions.shape[-1]
+        points, turns = np.zeros((2, len(self.links), 3, jacobian.shape[-1]))
+        points[:, :d] = jacobian[:, :d]
+        turns[:, (2 if d == 2 else 0) :] = self.lever * jacobian[:, d:]
+        joined = points, turns[: self.frames.shape[1]]
+        return np.concatenate([part.reshape(-1, jacobian.shape[-1]) for part in joined])
+
+    def distances(self, solution: Any) -> Array:
+        """Root of the mean square miss of the links at equilibria, (B,) [mm]."""
+        return np.asarray(np.sqrt(np.sum(self.misses(solution) ** 2, axis=1) / len(self.links)))
 
 
 def _rotations(poses: Array) -> Array:

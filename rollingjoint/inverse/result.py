@@ -42,6 +42,13 @@ _MESSAGES = {
 }
 
 
+def limits_reached(tensions: Array, low: ArrayLike, high: ArrayLike) -> tuple[Mask, Mask]:
+    """Whether tensions are at the lowest, and at the highest one."""
+    low, high = np.asarray(low), np.asarray(high)
+    room = _AT_LIMIT * np.where(np.isfinite(high), np.maximum(high, 1.0), 0.0)
+    return np.asarray(tensions <= low + _AT_LIMIT * np.maximum(low, 1.0)), np.asarray(tensions >= high - room)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Reach:
     """An equilibrium near a target, or many with a leading axis B.
@@ -73,14 +80,12 @@ class Reach:
     @property
     def at_lowest(self) -> Mask:
         """(m,) True for tendons at their lowest tension."""
-        low = np.asarray(self.tension_limits[0])
-        return np.asarray(self.tensions <= low + _AT_LIMIT * np.maximum(low, 1.0))
+        return limits_reached(self.tensions, *self.tension_limits)[0]
 
     @property
     def at_highest(self) -> Mask:
         """(m,) True for tendons at their highest tension."""
-        high = np.asarray(self.tension_limits[1])
-        return np.asarray(self.tensions >= high - _AT_LIMIT * np.where(np.isfinite(high), np.maximum(high, 1.0), 0.0))
+        return limits_reached(self.tensions, *self.tension_limits)[1]
 
     @property
     def tip(self) -> Array:

@@ -85,11 +85,11 @@ def reach(
     if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
         limits = broadcast_limits(tension_limits, mechanism.n_tendons)
         target = seen_as_vector("tip", tip, mechanism.dimension, "coordinates")
-        warm = reach_from(mechanism, target, table, limits, _preferred(prefer, *limits), start.equilibrium)
+        warm = reach_from(mechanism, target, table, limits, preferred_tensions(prefer, *limits), start.equilibrium)
         equilibrium, lengths, distance, steps = warm
         if distance <= TOLERANCE:
             return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
-    goal = Goal.of(mechanism, tip, _checked_lever(lever), single=True)
+    goal = Goal.of(mechanism, tip, checked_lever(lever), single=True)
     search = _Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
     angles_of(mechanism, start.equilibrium if isinstance(start, Reach) else start, None)  # as those of one solve
     return search.run(start, as_integer("starts", starts, 1)).row(0)
@@ -119,7 +119,7 @@ def reach_batch(
         InvalidInput: as `reach`, and another number of mechanisms, loads or starts than of targets.
     """
     first = _first(mechanism)
-    goal = Goal.of(first, tips, _checked_lever(lever), single=False)
+    goal = Goal.of(first, tips, checked_lever(lever), single=False)
     search = _Searches.of(mechanism, goal, loads, tension_limits, inputs, prefer)
     return search.run(start, as_integer("starts", starts, 1))
 
@@ -148,7 +148,7 @@ def all_solutions(
     check_chain(mechanism)
     count, nearest = as_integer("starts", starts, 1), as_number("apart", apart, 0.0)
     table = mechanism.load_table(loads)
-    goal = Goal.of(mechanism, tip, _checked_lever(lever), single=True).take(np.zeros(count, np.int64))
+    goal = Goal.of(mechanism, tip, checked_lever(lever), single=True).take(np.zeros(count, np.int64))
     tables = np.repeat(table[None], count, axis=0)
     search = _Searches.of(mechanism, goal, tables, tension_limits, inputs, prefer)
     many = search.run(None, 1, ranks=np.arange(count))
@@ -171,7 +171,8 @@ def _first(mechanism: AnyChain | Sequence[AnyChain]) -> AnyChain:
     return first
 
 
-def _checked_lever(lever: float | None) -> float | None:
+def checked_lever(lever: float | None) -> float | None:
+    """The lever; InvalidInput unless it is None or a number from 0."""
     return None if lever is None else as_number("lever", lever, 0.0)
 
 
@@ -201,7 +202,7 @@ class _Searches:
         first = _first(mechanism)
         limits = tension_limits_of(tension_limits, first.n_tendons)
         batch = Batch.of(mechanism, "tensions", np.zeros((len(goal.points), first.n_tendons)))
-        preferred = np.asarray(_preferred(prefer, *limits))
+        preferred = np.asarray(preferred_tensions(prefer, *limits))
         return cls(batch, goal, batch.tables(loads), limits, inputs, preferred)
 
     def run(self, start: Start | Reach, starts: int, ranks: Rows | None = None) -> Reach:
@@ -376,7 +377,7 @@ class _Best:
             self.starts[kept] = angles[better]
 
 
-def _preferred(prefer: str, low: ArrayLike, high: ArrayLike) -> ArrayLike:
+def preferred_tensions(prefer: str, low: ArrayLike, high: ArrayLike) -> ArrayLike:
     """The tensions that are preferred, numbers or (m,) [N]."""
     if prefer == "tension":
         if type(low) is float and type(high) is float:

@@ -28,14 +28,14 @@ def samples_of(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
     if key not in kept:
         while len(kept) >= _MOST_KEPT:
             kept.pop(next(iter(kept)), None)
-        kept[key] = _sampled(chain, table, low, high)
+        kept[key] = sampled(chain, table, low, high)
     return kept[key]
 
 
-def _sampled(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
-    """Half of the tensions are drawn uniformly, half by their logarithms."""
+def sampled(chain: AnyChain, table: Array, low: Array, high: Array, count: int = SAMPLES) -> Any:
+    """Stable equilibria of `count` samples; half of the tensions are drawn uniformly, half by their logarithms."""
     highest = np.where(np.isfinite(high), high, np.maximum(_USUAL, 10.0 * low))
-    uniform, logarithmic = np.random.default_rng(0).random((2, SAMPLES // 2, chain.n_tendons))
+    uniform, logarithmic = np.random.default_rng(0).random((2, count // 2, chain.n_tendons))
     lowest = np.maximum(low, _SMALLEST * highest)
     ratios = np.divide(highest, lowest, out=np.ones_like(highest), where=lowest > 0.0)
     tensions = np.concatenate([low + (highest - low) * uniform, lowest * ratios**logarithmic])

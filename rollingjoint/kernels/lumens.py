@@ -39,9 +39,9 @@ def _in_the_bend(u, v, curvature):
 
 
 @part(inline=True)
-def _arc_length_at(u, cos, sin, curvature):
-    """Arc length of the nearest point of a piece from its start."""
-    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u
+def _arc_length_at(u, v, cos, sin, curvature):
+    """Arc length of the nearest point of a piece from its start; of a straight one with its rate by the curvature."""
+    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * v)
 
 
 @part(inline=True)
@@ -148,7 +148,7 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
         wall_radius = piece[RADIUS] + piece[SLOPE] * piece[LENGTH] if after else piece[RADIUS]
         curvature = slope = 0.0
     offset, q, cos, sin = _in_the_bend(u, v, curvature)
-    arc = _arc_length_at(u, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
+    arc = _arc_length_at(u, v, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
     tx, ty = tx * cos - ty * sin, ty * cos + tx * sin
     side = 1.0 if offset > 0.0 else -1.0
     turn = piece[TURNED] + (piece[CURVATURE] * piece[LENGTH] if after else 0.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput, naming_extras
-from rollingjoint.plotting.figure import check_figure_path
+from rollingjoint.plotting.film import Pixels, canvas_of, gif_path, pixels_of, save_gif
 from rollingjoint.plotting.friction import tension_colors, tension_ends
 from rollingjoint.plotting.parts import PALETTE
 from rollingjoint.plotting.planar import plot_mechanism
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ANIMATED = "gif"
-"""Suffix of animations."""
-_FRAMES, _COLORS, _DPI, _MILLISECONDS = 40, 256, 72, 110
+_FRAMES = 40
 
 
 def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:
@@ -76,31 +74,14 @@ def save_animation(loop: Loop, path: str | Path) -> Path:
     Raises:
         InvalidInput: an arm, another suffix than .gif, or a folder that does not exist.
     """
-    with naming_extras():
-        from PIL import Image
-
     if not isinstance(loop.path, Equilibrium):
         raise InvalidInput("loop", loop.path, "that of a planar chain", "An arm's loop is drawn by plot_loops.")
-    if not str(path).lower().endswith(f".{ANIMATED}"):
-        raise InvalidInput("animation", str(path), f"a file name that ends in .{ANIMATED}")
-    path = check_figure_path(path, more=(ANIMATED,))
-    frames = list(_frames(loop))
-    pixels = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: len(frames) // 4 or 1]])
-    colors, counts = np.unique(pixels, axis=0, return_counts=True)
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(colors[np.argsort(-counts, kind="stable")[:_COLORS]].tobytes())
-    first, *others = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    first.save(path, "GIF", save_all=True, append_images=others, duration=_MILLISECONDS, loop=0)
-    return path
+    return save_gif(_frames(loop), gif_path(path))
 
 
-def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
+def _frames(loop: Loop) -> Iterator[Pixels]:
     """Pictures of the last cycle, (height, width, 3); moving parts are drawn on a constant background."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 5.0), dpi=_DPI)
-    canvas = FigureCanvasAgg(figure)
+    figure, canvas = canvas_of(9.0, 5.0)
     left, right = figure.add_axes((0.075, 0.11, 0.4, 0.82)), figure.add_axes((0.65, 0.11, 0.33, 0.82))
     scale, ends = figure.add_axes((0.5, 0.2, 0.014, 0.6)), tension_ends(loop.path)
     figure.colorbar(tension_colors(loop.path, ends), cax=scale, label="tension [N]")
@@ -122,12 +103,7 @@ def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
         for artist in [*moving, *right.plot(inputs[step], along[step], "o", color=PALETTE[5], markersize=8)]:
             figure.draw_artist(artist)
             artist.remove()
-        yield _coarse(np.array(canvas.buffer_rgba())[..., :3])
-
-
-def _coarse(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture with 32 levels per colour, white and black exact, to save colours of the palette."""
-    return np.bitwise_or(picture >> 3 << 3, picture >> 5, dtype=np.uint8)
+        yield pixels_of(canvas)
 
 
 def _window(loop: Loop) -> dict[str, tuple[float, float]]:

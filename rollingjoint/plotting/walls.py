@@ -5,7 +5,7 @@ Everything is drawn in the frame of the walls, in mm.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import pair_columns
 from rollingjoint.plotting.parts import ORDER, ArrowStyle, draw_arrow, nice_scale, scale_text
-from rollingjoint.surroundings import Lumen
+from rollingjoint.surroundings.shapes import closed, outline_shapes, wall_strips
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,8 +58,8 @@ def draw_surroundings(ax: Axes, equilibria: Sequence[Equilibrium], outline: bool
         if (id(step.walls), int(step.which)) not in drawn:
             drawn.append((id(step.walls), int(step.which)))
             _draw_walls(ax, step, places)
-        for link, shape in outline_shapes(step) if outline else ():
-            ax.plot(*to_world(eq.poses[link], shape).T, **_SKIN)
+        for link, strip in outline_shapes(step.walls, int(step.which)) if outline else ():
+            ax.plot(*to_world(eq.poses[link], closed(strip)).T, **_SKIN)
 
 
 def draw_pressed(
@@ -108,7 +108,9 @@ def places_and_forces(eq: Equilibrium) -> tuple[Array, Array]:
     """Place of every contact, and force on the link there, in the world, (C, 2) each [mm, N]."""
     assert eq.walls is not None
     contacts, base = eq.wall_contacts, eq.walls.base
-    places, forces = (np.array([getattr(touch, name) for touch in contacts]) for name in ("place", "force_on_link"))
+    places, forces = (
+        np.array([getattr(touch, name) for touch in contacts]).reshape(-1, 2) for name in ("place", "force_on_link")
+    )
     return to_world(base, places), forces @ rotation(base[2]).T
 
 
@@ -121,75 +123,10 @@ def force_colors(equilibria: Sequence[Equilibrium]) -> ScalarMappable:
     return ScalarMappable(Normalize(0.0, max(forces, default=1.0)), _FORCES)
 
 
-def outline_shapes(step: WallStep) -> Iterator[tuple[int, Array]]:
-    """Link and closed outline of every bar, (k, 2) in the frame of its link [mm]."""
-    for link, ax, ay, bx, by, radius in step.walls.bars[step.which]:
-        yield int(link), stadium(np.array([ax, ay]), np.array([bx, by]), radius)
-
-
-def stadium(first: Array, second: Array, radius: float, count: int = 24) -> Array:
-    """Closed outline of all points within a radius of a straight line, (k, 2) [mm]."""
-    ux, uy = (second - first) / np.hypot(*(second - first))
-    half = np.linspace(-0.5 * np.pi, 0.5 * np.pi, count)
-    cap = np.stack([np.cos(half), np.sin(half)], axis=1) @ np.array([[ux, uy], [-uy, ux]]) * radius
-    return np.concatenate([second + cap, first - cap, second + cap[:1]])
-
-
-def wall_lumens(step: WallStep) -> list[Lumen]:
-    """The lumens around an equilibrium."""
-    pieces = step.walls.pieces[step.which]
-    lumens = []
-    for number in range(step.walls.lumens.shape[1]):
-        rows = pieces[(pieces[:, 8] == number) & (pieces[:, 4] > 0.0)]
-        if len(rows):
-            x, y, angle = rows[0, :3].tolist()
-            radii = [*rows[:, 6].tolist(), float(rows[-1, 7])]
-            lumens.append(Lumen(rows[:, 4].tolist(), rows[:, 3].tolist(), radii, (x, y, angle)))
-    return lumens
-
-
 def _draw_walls(ax: Axes, step: WallStep, places: Array) -> None:
     """Draws all walls of one stack; half planes and straight ends of lumens as far as links are near, at `places`."""
-    from matplotlib.patches import Circle
-
-    walls, which = step.walls, step.which
-    centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    reach = 0.75 * float(np.ptp(places, axis=0).max()) + 2.0 * float(walls.bars[which, :, 5].max())
-    for nx, ny, d, stiffness, *_ in walls.planes[which]:
-        normal = np.array([nx, ny])
-        distance = normal @ centre - d
-        if stiffness > 0.0 and abs(distance) < reach:
-            foot, along = centre - distance * normal, reach * np.array([ny, -nx])
-            corners = [
-                foot - along,
-                foot + along,
-                foot + along - 0.08 * reach * normal,
-                foot - along - 0.08 * reach * normal,
-            ]
-            _fill(ax, np.array(corners))
-    for x, y, radius, stiffness, *_ in walls.discs[which]:
-        if stiffness > 0.0:
-            ax.add_patch(Circle((x, y), radius, label="wall", **_WALL))
-            ax.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
-    for x, y, u, v, radius, stiffness, *_ in walls.capsules[which]:
-        if stiffness > 0.0:
-            _fill(ax, stadium(np.array([x, y]), np.array([u, v]), max(radius, 0.002 * reach)))
-    for lumen in wall_lumens(step):
-        ends = lumen.pose([0.0, lumen.length])
-        ahead = [(places - pose[:2]) @ [np.cos(pose[2]), np.sin(pose[2])] for pose in ends]
-        near = [np.hypot(*(places - pose[:2]).T) < 2.0 * reach for pose in ends]
-        before = min(0.0, float(ahead[0][near[0]].min(initial=0.0)))
-        beyond = max(0.0, float(ahead[1][near[1]].max(initial=0.0)))
-        inner = np.union1d(np.linspace(0.0, lumen.length, 1 + int(np.ceil(lumen.length))), lumen.borders)
-        t = np.concatenate([[before], inner, [lumen.length + beyond]])
-        middle = lumen.pose(t)[:, :2]
-        for side in lumen.sides(t):
-            outwards = (side - middle) / np.hypot(*(side - middle).T)[:, None]
-            _fill(ax, np.concatenate([side, (side + 0.25 * lumen.radius(t)[:, None] * outwards)[::-1]]))
-
-
-def _fill(ax: Axes, corners: Array) -> None:
-    ax.fill(*corners.T, label="wall", **_WALL)
+    for strip in wall_strips(step.walls, int(step.which), places):
+        ax.fill(*closed(strip).T, label="wall", **_WALL)
 
 
 def plot_wall_contacts(path: Sequence[Equilibrium], inputs: Sequence[float], label: str = "feed [mm]") -> Figure:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.solution import Solution
+from rollingjoint.checks import as_choice
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import link_index
 
@@ -72,6 +73,18 @@ def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None
     return _dposes(equilibrium, _respond(equilibrium, equilibrium.stiffness, torque))
 
 
+def dtip_dforce(equilibrium: Solution, given: str = "lengths") -> Array:
+    """d tip position / d force on it, (2 or 3, 2 or 3) [mm/N], symmetric where springs and loads have a potential.
+
+    Args:
+        given: "lengths", which stay constant, with tensions that neither yield nor are given; or "tensions".
+    """
+    as_choice("given", given, ("lengths", "tensions"))
+    stiffness = equilibrium.stiffness if given == "lengths" else _stiffness_at_tensions(equilibrium)
+    jacobian = _tip_jacobian(equilibrium)
+    return jacobian @ _respond(equilibrium, stiffness, np.swapaxes(jacobian, -1, -2))
+
+
 def dposes_dbase(equilibrium: Solution) -> Array:
     """d link poses / d motion of the base among walls, (n, 3, 3) [1, mm/rad, rad/mm, 1], at given inputs.
 
@@ -107,10 +120,13 @@ def _dinsertion(equilibrium: Solution, dangles: Array) -> Array:
     return -(rates @ dangles)[..., 0, :]
 
 
-def _dangles_dtensions(equilibrium: Solution) -> Array:
+def _stiffness_at_tensions(equilibrium: Solution) -> Array:
     torques, rates, k = equilibrium.torques_per_tension, equilibrium.tendon_rates, equilibrium.tendon_stiffness
-    tension_stiffness = equilibrium.stiffness - (torques * k[..., None, :]) @ np.swapaxes(rates, -1, -2)
-    return _respond(equilibrium, tension_stiffness, -torques)
+    return np.asarray(equilibrium.stiffness - (torques * k[..., None, :]) @ np.swapaxes(rates, -1, -2))
+
+
+def _dangles_dtensions(equilibrium: Solution) -> Array:
+    return _respond(equilibrium, _stiffness_at_tensions(equilibrium), -equilibrium.torques_per_tension)
 
 
 def _dangles_dlengths(equilibrium: Solution) -> Array:
@@ -132,13 +148,17 @@ def _tip_jacobian(equilibrium: Solution) -> Array:
     return jacobian[..., : equilibrium.tip.shape[-1], :]
 
 
-def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
+def joint_response(
+    equilibrium: Solution, stiffness: Array, torque: Array, free: NDArray[np.bool_] | None = None
+) -> Array:
     """Change of the joint angles under joint torques, (n - 1, k) both [rad, N·mm], joints at a limit held.
+
+    free: (n - 1,) joints that are not held, in place of those that are at no limit.
 
     Raises:
         numpy.linalg.LinAlgError: the stiffness of the free joints is singular.
     """
-    free = equilibrium.free_joints
+    free = equilibrium.free_joints if free is None else free
     coupled = free[..., :, None] & free[..., None, :]
     held = np.where(coupled, stiffness, 0.0) + np.eye(free.shape[-1]) * ~free[..., None, :]
     return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)

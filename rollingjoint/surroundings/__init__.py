@@ -7,12 +7,14 @@ Modules:
     fitting: centre lines of arcs through points.
     lumen: tubes around a centre line.
     outline: outlines of links.
+    shapes: walls and outlines to be drawn.
     table: all that surrounds a chain, and the arrays of kernels.
     walls: walls of constant shape, and the law of a wall.
 """
 
 from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.outline import Bare, Outline, OutlineRows, Sleeve
+from rollingjoint.surroundings.shapes import Strip, closed, wall_strips
 from rollingjoint.surroundings.table import WALLS, Surroundings
 from rollingjoint.surroundings.walls import Capsule, Disc, HalfPlane, Polygon, Wall, WallFriction
 
@@ -27,7 +29,10 @@ __all__ = [
     "OutlineRows",
     "Polygon",
     "Sleeve",
+    "Strip",
     "Surroundings",
     "Wall",
     "WallFriction",
+    "closed",
+    "wall_strips",
 ]

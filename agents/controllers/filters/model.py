@@ -98,7 +98,7 @@ class FilterModel(ABC):
         """
 
     @abstractmethod
-    def _load_tables(self, states: Array) -> Array:
+    def load_tables(self, states: Array) -> Array:
         """Load tables, (R, rows, columns)."""
 
     @abstractmethod
@@ -114,7 +114,7 @@ class FilterModel(ABC):
         at, rows = self.places, self._rows(len(states))
         stiffnesses = self.mechanism.stiffnesses * np.exp(states[:, at.stiffnesses : at.bias])
         law = TendonLaw(play.played + states[:, at.offsets : at.stiffnesses], stiffnesses, rows.low, rows.high)
-        tables = self._load_tables(states)
+        tables = self.load_tables(states)
         equilibria = solve_batch(type(self.mechanism), self.mechanism, rows.chain, rows.designs, law, tables, starts)
         solved, linear = solved_of(equilibria), self._new_linear(len(states))
         kernels.linearise(solved, self.levers(equilibria, states), play, stiffnesses, at, linear)

@@ -47,7 +47,8 @@ class ChainModel(FilterModel):
         start = solve_tensions_batch(self.mechanism, np.full((1, self.n_tendons), tension))
         return start, np.zeros((len(states), self.n_tendons, self.N_LOAD))
 
-    def _load_tables(self, states: Array) -> Array:
+    def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = np.zeros((len(states), 1, len(LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = self._rows(len(states)).links, states[:, :2]
         return loads
@@ -93,12 +94,13 @@ class ArmModel(FilterModel):
         """The arm hangs without its payload, under the gravity of the states."""
         rows, m, hanging = len(states), self.n_tendons, states.copy()
         hanging[:, 2] = -self._middle
-        start = solve_tensions_batch(self.mechanism, np.full((rows, m), tension), self._load_tables(hanging))
+        start = solve_tensions_batch(self.mechanism, np.full((rows, m), tension), self.load_tables(hanging))
         torques = self.levers(start, hanging).loads
         torques[:, :, 2] = 0.0  # there is no payload yet
         return start, np.swapaxes(start.tendon_rates, 1, 2) @ joint_response(start, start.stiffness, torques)
 
-    def _load_tables(self, states: Array) -> Array:
+    def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = self._loads(states)
         return loads_along(self._table, loads.gravity, loads.payloads)
 
@@ -140,7 +142,8 @@ class TubeModel(FilterModel):
         start = solve_tensions_batch(self.mechanism, np.full((1, self.n_tendons), tension))
         return start, np.zeros((len(states), self.n_tendons, self.N_LOAD))
 
-    def _load_tables(self, states: Array) -> Array:
+    def load_tables(self, states: Array) -> Array:
+        """Load tables, (R, rows, columns)."""
         loads = np.zeros((len(states), 1, len(SPATIAL_LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX_SPACE : _FX_SPACE + 3] = self.mechanism.n_joints, states[:, :3]
         return loads

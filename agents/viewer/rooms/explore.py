@@ -1,21 +1,23 @@
-"""The room Explore: a mechanism under tendons, loads, friction and curvatures that a person sets."""
+"""The room Explore: a mechanism under tendons, loads, friction and curvatures, among walls, that a person sets."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from agents.viewer.around import NO_WALLS, Around, Scene
 from agents.viewer.body import SceneMechanism
-from agents.viewer.camera import look, mechanism_view
+from agents.viewer.camera import among_walls_view, look, mechanism_view
 from agents.viewer.choice import ButtonRow
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
-from agents.viewer.html import code_block
+from agents.viewer.html import code_block, html_table
 from agents.viewer.rooms.messages import Messages
-from agents.viewer.solids import Array, front, in_space, strands
+from agents.viewer.solids import DEPTH, Array, front, in_space, slab, strands
 from agents.viewer.stage import FAINT, add_grid
 from rj_gym.rendering import FAINT as GREY
 from rj_gym.rendering import LINK, LOAD, Color
@@ -26,9 +28,14 @@ from rollingjoint.io.mechanism_file import load_mechanism
 CONTACT: Color = (0, 114, 178)
 ELLIPSE: Color = (120, 90, 160)
 REACH: Color = (150, 190, 150)
+WALL: Color = (201, 167, 143)
+PRESSED: Color = (140, 29, 64)
+STICKS: Color = (0, 158, 115)
 RANGE = (0.0, HIGHEST)
-PER_NEWTON = 0.3  # length of an arrow of the force, in lengths of the mechanism per newton
+PER_NEWTON = 0.3  # length of an arrow of the force, and of forces of walls, in lengths of the mechanism per newton
 PER_CONTACT = 0.015  # and of a contact force
+PUSH = (-0.5, 1.5)  # lengths by which the base can be pushed in
+CONTACTS = ("link", "wall", "gap [mm]", "normal [N]", "friction [N]", "")
 
 FILES = {"Python": "py", "YAML": "yaml", "STL": "stl.zip", "DXF": "dxf.zip"}
 
@@ -44,27 +51,37 @@ class Explore:
 
     Args:
         client: the browser. mechanisms: names of presets and mechanism files; the first is shown at once.
+        scenes: surroundings of files, by name; the first is around a planar chain at once.
     """
 
     name: ClassVar[str] = "Explore"
 
-    def __init__(self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS)) -> None:
+    def __init__(
+        self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS), scenes: Mapping[str, Scene] | None = None
+    ) -> None:
         self.client, self.gui, self.mechanisms = client, client.gui, named(mechanisms)
-        first = next(iter(self.mechanisms))
-        self.explorer = Explorer(load_mechanism(self.mechanisms[first]), first)
+        self.scenes = scenes or {}
+        self.explorer = self._explorer(next(iter(self.mechanisms)))
         self._lock = threading.RLock()
         self._bodies: dict[bool, SceneMechanism] = {}  # by whether it is the equilibrium, or the last one
         self._parts: list[Any] = []  # of the panel and the scene, of this mechanism
+        self._of_walls: list[Any] = []  # widgets and crosses
+        self._shapes: list[Any] = []  # of the walls
         self._quiet = False  # while widgets follow, not lead
+
+    def _explorer(self, name: str) -> Explorer:
+        """A mechanism from the start."""
+        return Explorer(load_mechanism(self.mechanisms[name]), name, self.scenes)
 
     def build(self) -> None:
         """Add the widgets to the panel."""
         gui = self.gui
         self.which = gui.add_dropdown("Mechanism", tuple(self.mechanisms))
-        self.headline = gui.add_markdown("")
+        self.headline, self.touching = gui.add_markdown(""), gui.add_markdown("", visible=False)
         self.messages = Messages(gui)
         self.drive = ButtonRow(gui, "Input", INPUTS, self._drive)
         self.tendons = gui.add_folder("Tendons")
+        self.walls = gui.add_folder("Walls")
         self.load = gui.add_folder("Force")
         self.friction = gui.add_slider("Friction", 0.0, 0.3, 0.01, 0.0, hint="coefficient in all holes")
         self.curvatures = gui.add_folder("Curvatures", expand_by_default=False)
@@ -94,12 +111,14 @@ class Explore:
         with self._lock, self.messages.told():
             name = as_choice("mechanism", self.which.value, tuple(self.mechanisms))
             self._clear()
-            self.explorer = Explorer(load_mechanism(self.mechanisms[name]), name)
+            self.explorer = self._explorer(name)
             self.drive.mark(self.explorer.inputs.drive)
             self.shown["Contact forces"].visible = self.explorer.has_contacts
             look(self.client, mechanism_view(self.explorer.mechanism))
             self._fill()
             self.show()
+        if self.explorer.flat and self.scenes:
+            self.surround(next(iter(self.scenes)))
 
     def change(self, **changes: Any) -> None:
         """Set inputs; errors are shown, and the widgets stay as they are."""
@@ -111,6 +130,8 @@ class Explore:
             if self.explorer.mechanism is not before:
                 self._embody()
             self.show()
+            if "around" in changes:
+                self._enclose()
             if self.shown["Reach"].value and changes.keys() - {"tensions", "pulls", "drive"}:
                 self.reach()
 
@@ -118,16 +139,21 @@ class Explore:
         """Show the equilibrium, or in grey the last one where there is none."""
         explorer, equilibrium = self.explorer, self.explorer.usable
         self.headline.content = explorer.headline
+        self.touching.content = explorer.wall_line
+        self.touching.visible = bool(explorer.wall_line)
+        self.contacts.content = html_table(CONTACTS, explorer.wall_table)
+        self.contacts.visible = bool(explorer.wall_table)
         self.numbers.content = code_block(explorer.table)
         self.code.content = code_block(explorer.python, "python")
         with self.client.atomic():
             for usable, body in self._bodies.items():
                 body.visible = usable is bool(explorer.found.ok) and equilibrium is not None
             if equilibrium is not None:
-                lines = strands(explorer.mechanism, equilibrium.poses, equilibrium.tensions)
+                poses = explorer.poses(equilibrium)
+                lines = strands(explorer.mechanism, poses, equilibrium.tensions)
                 body = self._bodies[bool(explorer.found.ok)]
-                body.show(equilibrium.poses, lines, RANGE)
-                body.number(equilibrium.poses if self.shown["Links"].value else None)
+                body.show(poses, lines, RANGE)
+                body.number(poses if self.shown["Links"].value else None)
             self._arrows()
             self._ellipses()
 
@@ -143,13 +169,43 @@ class Explore:
         """Set the force from the dragged end of its arrow."""
         begin = self._origin
         size = len(self.explorer.inputs.force)
-        force = (np.asarray(place)[:size] - begin[:size]) / (PER_NEWTON * self.explorer.mechanism.length)
+        way = self.explorer.in_base(np.asarray(place)[:size] - begin[:size])
+        force = way / (PER_NEWTON * self.explorer.mechanism.length)
         with self._lock:
             self._quiet = True
             for number, value in zip(self.forces, force, strict=True):
                 number.value = round(float(value), 3)
             self._quiet = False
         self.change(force=tuple(float(value) for value in force))
+
+    def _chosen_walls(self) -> None:
+        if self.around.value != self.explorer.inputs.around.walls:
+            self.surround(self.around.value)
+
+    def surround(self, name: str) -> None:
+        """Put these walls around the mechanism."""
+        scene = self.explorer.scenes.get(name)
+        self.change(around=Around() if scene is None else scene.begun(name))
+        with self._lock:
+            self._wall_widgets()
+            mechanism, base = self.explorer.mechanism, None if scene is None else scene.base
+            look(self.client, mechanism_view(mechanism) if base is None else among_walls_view(mechanism, base))
+
+    def drag_obstacle(self, number: int, place: Array) -> None:
+        """Move an obstacle to where its cross is dragged."""
+        with self._lock:  # a change may be under way
+            around, scene = self.explorer.inputs.around, self.explorer.scene
+            if scene is None or number >= len(around.moved):
+                return
+            moved = list(around.moved)
+            x, y = np.asarray(place)[:2] - scene.places(scene.begun(around.walls))[number]
+            moved[number] = (float(x), float(y))
+            self.change(around=replace(around, moved=tuple(moved)))
+
+    def _set_walls(self, **numbers: Any) -> None:
+        """Set numbers of the walls: bend, feed, stiffness, friction."""
+        with self._lock:
+            self.change(around=replace(self.explorer.inputs.around, **numbers))
 
     @property
     def _height(self) -> float:
@@ -159,8 +215,8 @@ class Explore:
     @property
     def _origin(self) -> Array:
         """The point of application of the force, (3,) [mm]."""
-        poses = self.explorer.usable.poses if self.explorer.usable is not None else self.explorer.found.poses
-        pose = poses[self.explorer.inputs.link]
+        explorer = self.explorer
+        pose = explorer.poses(explorer.usable if explorer.usable is not None else explorer.found)[explorer.inputs.link]
         return in_space(pose[:2] if self.explorer.flat else pose[:3, 3], self._height)
 
     def _fill(self) -> None:
@@ -168,6 +224,12 @@ class Explore:
         self._parts.append(add_grid(self.client.scene, "/explore/grid", self.explorer.mechanism))
         self._embody()
         self._pull()
+        with self.walls:
+            names = (NO_WALLS, *self.explorer.scenes)
+            self.around = self.gui.add_dropdown("Around the chain", names)
+            self.contacts = self.gui.add_html("", visible=False, order=1e6)  # below the sliders
+        self.around.on_update(lambda _: self._chosen_walls())
+        self.walls.visible = self.explorer.flat
         explorer, size = self.explorer, len(self.explorer.inputs.force)
         with self.load:
             last = explorer.mechanism.n_links - 1
@@ -190,7 +252,7 @@ class Explore:
             active_axes=(True, True, not explorer.flat), depth_test=False, position=self._origin,
         )  # fmt: skip
         self.handle.on_update(lambda _: self.drag(self.handle.position))
-        self._parts += [self.link, *self.forces, *surfaces, self.handle]
+        self._parts += [self.link, *self.forces, *surfaces, self.handle, self.around, self.contacts]
 
     def _pull(self) -> None:
         """Make the sliders of the tendons: tensions, or pulls."""
@@ -209,6 +271,57 @@ class Explore:
             ]
         for slider in self.pulls:
             slider.on_update(lambda _: self.change(**{"pulls" if pulls else "tensions": self._pulled()}))
+
+    def _wall_widgets(self) -> None:
+        """Make the sliders and crosses of the walls that are around the mechanism."""
+        self._forget_walls()
+        explorer, scene = self.explorer, self.explorer.scene
+        around = explorer.inputs.around
+        if self.around.value != around.walls:
+            self.around.value = around.walls
+        if scene is None:
+            return
+        gui, length, surroundings = self.gui, explorer.mechanism.length, scene.surroundings
+        low, high = (round(share * length) for share in PUSH)
+        wall = surroundings.walls[0]
+        law = wall.friction or surroundings.friction
+        with self.walls:
+            sliders = {"feed": gui.add_slider("Push in [mm]", low, high, 0.1, around.feed)}
+            if any(any(lumen.curvatures) for lumen in scene.lumens):
+                sliders["bend"] = gui.add_slider("Bend", 0.0, 2.0, 0.01, around.bend, hint="factor of the curvatures")
+            mu = law.mu if law is not None else 0.0
+            sliders["friction"] = gui.add_slider("Wall friction", 0.0, 1.0, 0.01, mu)
+            if not surroundings.rigid:
+                sliders["stiffness"] = gui.add_number("Stiffness [N/mm]", wall.stiffness, min=0.01, max=1000, step=0.01)
+        for name, slider in sliders.items():
+            slider.on_update(lambda event, name=name: self._set_walls(**{name: float(event.target.value)}))
+        crosses = [self._cross(number, place) for number, place in enumerate(scene.places(around))]
+        self._of_walls = [*sliders.values(), *crosses]
+
+    def _cross(self, number: int, place: Array) -> Any:
+        """A cross by which an obstacle is dragged."""
+        cross = self.client.scene.add_transform_controls(
+            f"/obstacle/{number}", scale=0.15 * self.explorer.mechanism.length, disable_rotations=True,
+            active_axes=(True, True, False), depth_test=False, position=in_space(place, self._height),
+        )  # fmt: skip
+        cross.on_update(lambda _: self.drag_obstacle(number, cross.position))
+        return cross
+
+    def _enclose(self) -> None:
+        """Draw the walls."""
+        for part in self._shapes:
+            part.remove()
+        depth, scene = DEPTH * self.explorer.mechanism.length, self.client.scene
+        shapes = [slab(*strip, depth) for strip in self.explorer.wall_strips]
+        self._shapes = [
+            scene.add_mesh_simple(f"/walls/{k}", vertices, faces, color=WALL, opacity=0.6, flat_shading=True)
+            for k, (vertices, faces) in enumerate(shapes)
+        ]
+
+    def _forget_walls(self) -> None:
+        for part in self._of_walls:
+            part.remove()
+        self._of_walls = []
 
     def _pulled(self) -> tuple[float, ...]:
         return tuple(float(slider.value) for slider in self.pulls)
@@ -231,7 +344,7 @@ class Explore:
     def _arrows(self) -> None:
         """The force, with a handle at its end, and the contact forces."""
         explorer, length = self.explorer, self.explorer.mechanism.length
-        force = in_space(np.array(explorer.inputs.force), 0.0)
+        force = in_space(explorer.in_world(np.array(explorer.inputs.force), turned_only=True), 0.0)
         begin, by = self._origin, PER_NEWTON * length * force
         if not self._quiet:
             self.handle.position = begin + by
@@ -240,6 +353,9 @@ class Explore:
             for at, contact in explorer.contact_arrows:
                 start = in_space(at, self._height)
                 arrows.append((np.stack([start, start + PER_CONTACT * length * in_space(contact)]), CONTACT))
+            for place, push, sticks in explorer.wall_arrows:
+                start, end = (in_space(at, self._height) for at in (place, place + PER_NEWTON * length * push))
+                arrows.append((np.stack([start, end]), STICKS if sticks else PRESSED))
         points = np.array([points for points, _ in arrows]).reshape(-1, 2, 3)
         colours = np.array([colour for _, colour in arrows], np.uint8).reshape(-1, 3)
         unit = 0.01 * length
@@ -281,8 +397,9 @@ class Explore:
             self.show()
 
     def _clear(self) -> None:
-        parts = [*self._bodies.values(), *self._parts, *getattr(self, "pulls", [])]
+        self._forget_walls()
+        parts = [*self._bodies.values(), *self._parts, *self._shapes, *getattr(self, "pulls", [])]
         for part in parts:
             part.remove()
-        self._bodies, self._parts, self.pulls = {}, [], []
+        self._bodies, self._parts, self._shapes, self.pulls = {}, [], [], []
         self.client.scene.add_frame("/explore", show_axes=False).remove()

@@ -14,7 +14,7 @@ from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
 from agents.adaptation.controllers import InstrumentController
 from agents.adaptation.driving import WORLD, seeds_of
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
-from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
+from agents.adaptation.identify import BELIEFS, KINDS, Identified, Space, identify, rig_recording
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import robot
 from agents.adaptation.trial import RobotTrial, TrialOutcome, TrialPlan, gains, leads, trial_table
@@ -27,7 +27,11 @@ from agents.policies.conversion import actor_of, recurrent_network
 from agents.policies.shipped import ShippedPolicy, entry_names, standalone
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
+from rollingjoint import five_link
 from rollingjoint.errors import ConfigError, InvalidInput
+from rollingjoint.identify.beliefs import RigSpace
+from rollingjoint.identify.rig import Misfit
+from rollingjoint.identify.twin import RigModel
 
 NUMBER = 1_000
 
@@ -79,25 +83,24 @@ def test_the_bench_has_seeds_of_its_own_no_load_and_the_same_noise_every_time(re
     assert 0.1 < np.std(recording.tips[:, FIRST_STEPS:] - true.tips[:, FIRST_STEPS:]) < 0.3
 
 
-def test_a_model_that_is_the_robot_leaves_the_noise_of_the_sensors_and_another_much_more(recording, known):
-    one, misfit = robot(NUMBER), _Misfit(recording)
-    space = misfit.space
+def misfit_of(recording):
+    rigs = RigSpace(five_link(), list(KINDS.values()), {KINDS[name]: belief for name, belief in BELIEFS.items()})
+    return Misfit(RigModel(rig_recording(recording), rigs, limits=(0.5, 15.0), first=FIRST_STEPS))
+
+
+def test_a_model_that_is_the_robot_leaves_the_noise_of_the_sensors_and_another_much_more(recording):
+    one, misfit, space = robot(NUMBER), misfit_of(recording), Space()
     values = space.vector({name: getattr(one, name) for name in BELIEFS})
-    true = misfit((values - space.mean) / space.sd)[: -values.size]
-    other = misfit(np.zeros(values.size))[: -values.size]
-    misfit.bench.close()
-    assert 0.3 < np.sqrt(np.mean(true**2)) < 0.7 and np.sqrt(np.mean(other**2)) > 5
+    assert 0.3 < misfit.rms((values - space.mean) / space.sd) < 0.7 and misfit.rms(np.zeros(values.size)) > 5
 
 
-def test_what_ends_early_is_not_compared_and_a_model_that_ends_early_counts_as_far_off(recording):
+def test_what_ends_early_is_not_compared_and_a_model_without_equilibria_counts_as_far_off(recording, monkeypatch):
     cut = replace(recording, running=recording.running & (np.arange(51) < 30))
-    misfit, whole = _Misfit(cut), _Misfit(recording)
-    assert misfit(np.zeros(40)).size < whole(np.zeros(40)).size
-    lost = replace(recording, running=np.zeros_like(recording.running))
-    whole.bench.follow = lambda *_: lost
+    misfit, whole = misfit_of(cut), misfit_of(recording)
+    assert misfit.size < whole.size == whole(np.zeros(40)).size - 40
+    predict = whole.model.predict
+    monkeypatch.setattr(whole.model, "predict", lambda x: predict(x)._replace(ok=np.zeros((len(x), 3, 51), bool)))
     assert (whole(np.zeros(40))[:-40] == 10.0).all()
-    for each in (misfit, whole):
-        each.bench.close()
 
 
 def test_identification_without_a_camera_finds_play_friction_and_stiffness_and_leaves_surfaces(recording):

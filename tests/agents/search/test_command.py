@@ -286,3 +286,79 @@ def test_a_search_in_space_that_cannot_be_is_refused(old, new, message, tmp_path
     assert old in IN_SPACE
     with pytest.raises(ConfigError, match=message):
         check(load_search(written(tmp_path, IN_SPACE.replace(old, new).replace("scale: reference", "scale: 1"))))
+
+
+OWN = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+
+from rollingjoint.design import Measured
+from rollingjoint.differentiable import solve_tensions
+
+
+@dataclass(frozen=True)
+class TipHeight:
+    """Height of the tip under equal tensions [mm]."""
+
+    tension: float = 3.0
+    name: ClassVar[str] = "tip_height"
+    unit: ClassVar[str] = "mm"
+    maximise: ClassVar[bool] = True
+
+    def measure(self, chain):
+        found = solve_tensions(chain, torch.full((chain.n_tendons,), self.tension, dtype=torch.float64))
+        return Measured(found.tip[..., 1], found.ok)
+
+
+@dataclass(frozen=True)
+class Wrong(TipHeight):
+    def measure(self, chain):
+        return super().measure(chain).values
+
+
+class Plain:
+    pass
+'''
+OWN_SEARCH = """
+space: {mechanism: two_segment, height: [-2, 3]}
+objectives:
+  - {kind: "own_objective:TipHeight", scale: reference, tension: 4}
+limits:
+  - {kind: lateral_stiffness, tensions: [[3, 3, 4, 4]], low: 0.001}
+held_out:
+  "own_objective:TipHeight": {tension: 5}
+methods:
+  random: {batch: 10}
+budget: 10
+seeds: [1]
+"""
+
+
+def test_an_objective_of_your_own_searches_a_mechanism_with_four_tendons(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_objective.py").write_text(OWN)
+    command = [str(written(tmp_path, OWN_SEARCH)), "--out", "out", "--jobs", "1"]
+    assert main(command) == 2
+    assert "--import own_objective" in capsys.readouterr().err
+    monkeypatch.setattr(options, "LocalExecutor", lambda jobs: InlineExecutor())
+    assert main([*command, "--import", "own_objective.py"]) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["reference"][0] == pytest.approx(6 * 15.0) and "tip_height" in str(report)
+    assert load_mechanism(tmp_path / "out" / "best.yaml").n_tendons == 4
+    assert (tmp_path / "out" / "shapes.png").is_file()
+    for kind, words in {"Wrong": "Measured", "Plain": "dataclass", "Missing": "no such class"}.items():
+        text = OWN_SEARCH.replace("TipHeight", kind)
+        assert main([str(written(tmp_path, text)), "--out", "new", "--import", "own_objective.py"]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_a_space_of_a_mechanism_that_is_wrong_is_named(tmp_path):
+    for change, words in {
+        "mechanism: two_segmnt": "two_segment",
+        "mechanism: two_segment, azimuth: [0, 1]": "azimuth",
+        "mechanism: two_segment, kind: space": "kind",
+    }.items():
+        with pytest.raises(ConfigError, match=words):
+            check(load_search(written(tmp_path, OWN_SEARCH.replace("mechanism: two_segment", change))))

@@ -2,10 +2,13 @@
 
 import pytest
 
+from agents.campaign import main as campaign
 from agents.runs import ready_made
 from agents.runs.config import load_config
-from agents.runs.ready_made import KINDS, TRAIN, configuration_file, copied, list_of, names
+from agents.runs.ready_made import CAMPAIGN, KINDS, SEARCH, TRAIN, TUNE, configuration_file, copied, list_of, names
+from agents.search.__main__ import main as search
 from agents.train import main
+from agents.tune import main as tune
 from rollingjoint.errors import ConfigError
 
 
@@ -39,6 +42,14 @@ def test_the_command_lists_and_copies(tmp_path, capsys):
     for arguments in (["--list"], ["--resume", str(tmp_path)]):
         assert main([*arguments, "--write", str(mine)]) == 2
         assert "expected the name of a ready-made configuration beside it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("command", "kind"), [(search, SEARCH), (campaign, CAMPAIGN), (tune, TUNE)])
+def test_the_other_commands_list_theirs(command, kind, capsys):
+    with pytest.raises(SystemExit) as ended:
+        command(["--list"])
+    assert ended.value.code == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names(kind)
 
 
 @pytest.mark.parametrize(

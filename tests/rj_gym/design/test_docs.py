@@ -15,10 +15,11 @@ from tests.pages import bounds, examples, rows  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "design_environment.md").read_text()
+CODESIGN = (ROOT / "docs" / "codesign.md").read_text()
 EXAMPLES = examples(PAGE)
 
 
-@pytest.mark.parametrize(("program", "output"), EXAMPLES)
+@pytest.mark.parametrize(("program", "output"), EXAMPLES + examples(CODESIGN))
 def test_example_prints_what_the_page_says(program, output, capsys):
     exec(program, {})
     assert capsys.readouterr().out == output
@@ -28,10 +29,10 @@ def test_every_python_block_has_its_output():
     assert PAGE.count("```python") == len(EXAMPLES) == 3
 
 
-@pytest.mark.parametrize("name", ["DesignConfig", "DesignRewardConfig"])
+@pytest.mark.parametrize("name", ["DesignConfig", "DesignRewardConfig", "CoDesignConfig", "CoDesignRewardConfig"])
 def test_settings_table_has_every_key_and_its_default(name):
-    default = getattr(rj_gym, name)()
-    table = {key: yaml.safe_load(value) for key, value, *_ in rows(PAGE, f"### {name}")[1:]}
+    default, page = getattr(rj_gym, name)(), CODESIGN if name.startswith("Co") else PAGE
+    table = {key: yaml.safe_load(value) for key, value, *_ in rows(page, f"### {name}")[1:]}
     fields = {f.name: getattr(default, f.name) for f in dataclasses.fields(default)}
     plain = {key: value for key, value in fields.items() if key not in ("space", "reward")}
     assert table == yaml.safe_load(yaml.safe_dump(plain).replace("!!python/tuple", ""))

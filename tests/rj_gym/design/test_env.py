@@ -37,6 +37,10 @@ VARIANTS = {
         "reward": {"improvement": "linear"},
         "episode_steps": 2,
     },
+    "four tendons": {"space": {"mechanism": "two_segment", "height": [-2, 2]}, "episode_steps": 2},
+    "in space": {"space": {"mechanism": "pitch_yaw", "azimuth": [-0.3, 0.3]}, "episode_steps": 2, "force": (0, 0.05)},
+    "tubes": {"space": {"kind": "space", "n_joints": 4}, "episode_steps": 2, "force": (0, 0.05)},
+    "an arm": {"space": {"mechanism": "small_arm", "height": [-2, 2]}, "episode_steps": 2},
     "links of their own": {"space": {"alike": False, "symmetric": True, "knots": 3, "n_links": 3}, "episode_steps": 2},
 }
 variants = pytest.mark.parametrize(

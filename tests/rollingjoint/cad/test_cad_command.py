@@ -48,7 +48,8 @@ def test_one_line_is_printed_for_every_file_written(workplace, capsys):
     assert export("five_link --out parts --format svg png stl") == 0
     printed = capsys.readouterr().out.splitlines()
     links = [f"parts/link_{i}.{suffix}" for i in range(5) for suffix in ("svg", "stl")]
-    assert printed == [*links, "parts/assembly.svg", "parts/assembly.png", "parts/parts.csv"]
+    sheets = [f"parts/{name}.png" for name in ("assembly", *(f"link_{i}" for i in range(5)))]
+    assert printed == [*links, "parts/assembly.svg", *sheets, "parts/parts.csv"]
     assert sorted(printed) == sorted(str(path) for path in Path("parts").iterdir())
 
 
@@ -117,7 +118,7 @@ def test_files_that_are_there_are_kept_without_overwrite(capsys):
         ("five_link", ["--out"]),
         ("five_lnik --out parts", ["'five_lnik'", "Did you mean 'five_link'?"]),
         ("five_link --out no/such", ["folder = 'no/such'", "Create no first"]),
-        ("five_link --out parts --format step", ["formats = ['step']", "dxf, svg, stl, pdf, png"]),
+        ("five_link --out parts --format iges", ["formats = ['iges']", "dxf, svg, stl, step, pdf, png"]),
         ("five_link --out parts --thickness nan", ["thickness = nan", "0.1 to 1000 mm"]),
         ("five_link --out parts --thickness 0", ["thickness = 0.0"]),
         ("five_link --out parts --thickness 1e300", ["thickness = 1e+300"]),

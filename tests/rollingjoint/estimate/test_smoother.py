@@ -12,7 +12,7 @@ from rollingjoint.chain.variations import varied_chain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoother
 from rollingjoint.estimate.arrays import MotorHistory
-from rollingjoint.estimate.smoother import _Followed
+from rollingjoint.estimate.smoother import FollowedChain
 from rollingjoint.estimate.surfaces import surface_tables
 from rollingjoint.load import load_table
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
@@ -108,7 +108,7 @@ def smoothed(smoother, motors, tensions, noise=0.0):
 def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
     rng, ranges = np.random.default_rng(1), HiddenRanges(**RANGES, **SURFACES, gain=(0.9, 1.1), zero=(-0.3, 0.3))
     prior = HiddenPrior.of(chain, ranges)
-    followed = _Followed(
+    followed = FollowedChain(
         chain, [prior], LAW._replace(tension_share=0.0), surface_tables(chain, prior.layout, START), STEPS
     )
     numbers = drawn(prior, rng, 1)[0]
@@ -166,7 +166,7 @@ def test_a_worn_mechanism_is_found_where_the_fit_is_in_doubt():
 def test_displaced_surfaces_act_as_those_of_a_chain_with_them():
     """But for what is not linear in them, and for kinks of the profiles."""
     rng, prior = np.random.default_rng(2), HiddenPrior.of(CHAIN, HiddenRanges(**RANGES, **SURFACES))
-    followed = _Followed(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
+    followed = FollowedChain(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     whole, way = drawn(prior, rng, 1)[0], moves(rng, STEPS, 2)
     for share in (1.0, 0.2):
         numbers = whole.copy()
@@ -229,7 +229,7 @@ def test_its_minimum_is_that_of_a_general_least_squares_solver():
     truth, way = drawn(prior, rng, 1)[0], moves(rng, 14, 2)
     motors, tensions, _ = measured(CHAIN, truth, prior.layout, way)
     tensions = tensions + 0.1 * rng.standard_normal(tensions.shape)
-    followed = _Followed(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
+    followed = FollowedChain(CHAIN, [prior], LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     smoother = Smoother(CHAIN, prior, LAW, [4], Effort(every=1, passes=20, moved=1e-9), 14)
     estimate = smoothed(smoother, motors[None], tensions[None])
     varied = np.flatnonzero(prior.sds)
@@ -296,7 +296,7 @@ def test_a_force_that_wanders_is_where_the_cost_is_least():
         shown = poses[max(step - 2, 0), None] if step > 1 else np.full((1, 4, 3), np.nan)
         now = motors[step, None], np.zeros((1, 2)), tensions[step, None]
         estimate = smoother.take_in(*now, shown, np.array([2]))
-    followed, track = smoother._fine, smoother._track
+    followed, track = smoother.fine, smoother.track
     numbers, forces = followed.proposals(track, np.zeros(1), 2.0)
     np.testing.assert_allclose(numbers, estimate.numbers, atol=1e-9)
     one, link = np.zeros(1, np.int64), np.array([4])

@@ -25,7 +25,8 @@ from rollingjoint import (
 from rollingjoint.chain.outline import rotation, to_world
 from rollingjoint.chain.presets import two_segment
 from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts
-from rollingjoint.plotting.walls import in_world, places_and_forces, stadium, wall_lumens
+from rollingjoint.plotting.walls import in_world, places_and_forces
+from rollingjoint.surroundings.shapes import closed, stadium, wall_lumens
 
 CHAIN = two_segment(4, 4, height=10, radius=7, half_width=5)
 LUMEN = Lumen([30, 40, 40, 30], [0, 0.02, -0.02, 0], [8, 8, 8, 7.5, 7.5], stiffness=2)
@@ -67,7 +68,8 @@ def test_arrows_are_the_wall_forces_of_the_links():
 
 
 def test_lumens_come_back_from_the_arrays_of_kernels():
-    (lumen,) = wall_lumens(pressed().walls)
+    step = pressed().walls
+    (lumen,) = wall_lumens(step.walls, step.which)
     t = np.linspace(-10, 150, 50)
     np.testing.assert_allclose(lumen.pose(t), LUMEN.pose(t), atol=1e-12)
     np.testing.assert_allclose(lumen.radius(t), LUMEN.radius(t), atol=1e-12)
@@ -92,7 +94,7 @@ def test_obstacles_are_drawn_once_for_a_family():
 
 def test_the_outline_of_a_bar_is_its_radius_away_from_its_axis():
     first, second = np.array([1.0, 2.0]), np.array([4.0, 6.0])
-    outline = stadium(first, second, 1.5)
+    outline = closed(stadium(first, second, 1.5))
     along = np.clip((outline - first) @ (second - first) / 25.0, 0.0, 1.0)
     np.testing.assert_allclose(np.hypot(*(outline - first - along[:, None] * (second - first)).T), 1.5)
 

@@ -1,0 +1,384 @@
+"""Dynamixel XM430-W350 behind the manufacturer's SDK, Protocol 2.0, in current-based position mode over many turns.
+
+Faults of the SDK (4.1, Python) around which this driver is built: it drops the error byte of answers to synchronous
+reads, and with it hardware errors; it gives up where servos answer in another order; answers have no number, so that a
+late one is taken for the next; a port stays "in use" after an exception or Ctrl-C; the pattern FF FF FD, which goals
+beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import dynamixel_sdk as dxl
+import numpy as np
+import serial
+from numpy.typing import NDArray
+
+from agents.rig.pace import LoopClock
+from agents.rig.protocols import Array, BusLost, HardwareAlert, RigError, RigReading
+from agents.rig.spool import Spools
+from rollingjoint.checks import as_integer, as_number, as_positive
+from rollingjoint.errors import ConfigError
+
+MODEL = 1020  # XM430-W350, the only one that is promised
+FASTEST_RPM = 46.0
+AMPERE_PER_COUNT, NEWTON_METRE_PER_AMPERE = 2.69e-3, 1.78
+MOST_TURNS = 31  # beyond 32 the SDK sends goals that no motor understands
+WATCHDOG_UNIT, TRIPPED = 0.020, 0xFF
+LEAST_WATCHDOG_STEPS = 3.0
+
+_RETURN_DELAY, _MODE, _CURRENT_POSITION = 9, 11, 5
+_CURRENT_LIMIT, _TORQUE, _HARDWARE_ERROR, _WATCHDOG, _GOAL_CURRENT, _GOAL, _POSITION = 38, 64, 70, 98, 102, 116, 132
+_FIRST, _SIZE = (
+    _TORQUE,
+    72,
+)  # the block that every reading has: torque, error, watchdog, goal, counter, current, position
+_TICK, _CURRENT = 120, 126
+_ALERT, _CRC = 0x80, 3
+_TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
+_OLD_MS = 12.0  # by which an answer may lag behind the clock before it counts as one to an earlier question
+_RETRIES = 2
+PORT_ERRORS: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
+if sys.platform != "win32":
+    import termios
+
+    PORT_ERRORS = (*PORT_ERRORS, termios.error)  # of a cable that is pulled; pyserial lets it through
+
+
+class _Port(dxl.PortHandler):
+    """The SDK's port, which waits in the kernel, by a clock that nobody sets, and is free again after an exception."""
+
+    blocking_s, sent = 0.002, 0
+    latency_ms: float
+
+    def setupPort(self, cflag_baud: Any) -> Any:  # noqa: N802 (the SDK's name)
+        opened = super().setupPort(cflag_baud)
+        self.ser.timeout = self.blocking_s
+        return opened
+
+    def getCurrentTime(self) -> float:  # noqa: N802
+        return time.monotonic() * 1e3
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        self.packet_start_time = self.getCurrentTime()
+        self.packet_timeout = self.tx_time_per_byte * packet_length + self.latency_ms
+
+    def readPort(self, length: int) -> Any:  # noqa: N802
+        return self._tried("reading", super().readPort, length)
+
+    def writePort(self, packet: Any) -> Any:  # noqa: N802
+        self.sent += len(packet)
+        return self._tried("writing", super().writePort, packet)
+
+    def clearPort(self) -> Any:  # noqa: N802
+        return self._tried("clearing", super().clearPort)
+
+    def _tried(self, what: str, function: Any, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except PORT_ERRORS as error:
+            self.is_using = False
+            raise BusLost(f"{what} {self.port_name}: {error}") from error
+
+
+@dataclass(frozen=True)
+class DynamixelSettings:
+    """A bus of motors.
+
+    Args:
+        port: serial port. ids: of the motors, one per tendon. baud: rate.
+        current_limit: tension at which motors pull no further by their limit of current [N]; None: as configured.
+        watchdog_s: after which motors stop by themselves where nothing comes; 0: never. It must hold three steps.
+    """
+
+    port: str
+    ids: Sequence[int]
+    baud: int = 1_000_000
+    current_limit: float | None = None
+    watchdog_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        for ident in self.ids:
+            as_integer("ids", ident, 0, 252, error=ConfigError)
+        if not self.ids or len(set(self.ids)) < len(self.ids):
+            raise ConfigError("ids", list(self.ids), "different numbers from 0 to 252, one per tendon")
+        as_number("watchdog_s", self.watchdog_s, 0.0, 127 * WATCHDOG_UNIT, error=ConfigError)
+        if self.current_limit is not None:
+            as_positive("current_limit", self.current_limit, "a tension above 0 [N], or nothing", ConfigError)
+
+
+class Dynamixels:
+    """Motors on a bus.
+
+    Args:
+        settings: of the bus. spools: of the motors. clock: of readings. step_s: of the loop, for the watchdog.
+        patience_ms: with an answer.
+    Raises:
+        BusLost, HardwareAlert, RigError: a port or motors that cannot be used, after which nothing has moved.
+
+    Attributes:
+        counts: reads, retries, old answers, damaged ones, time-outs. ticks: of the last reading, (m,).
+            currents: of it, in counts, (m,).
+    """
+
+    def __init__(
+        self, settings: DynamixelSettings, spools: Spools, clock: LoopClock, step_s: float, patience_ms: float = 10.0
+    ) -> None:
+        self.settings, self.spools, self.clock = settings, spools, clock
+        self.ids = list(settings.ids)
+        if len(self.ids) != len(spools.signs):
+            raise ConfigError("ids", self.ids, f"{len(spools.signs)}, one per spool")
+        self._watchdog = round(settings.watchdog_s / WATCHDOG_UNIT)
+        if 0 < settings.watchdog_s < LEAST_WATCHDOG_STEPS * step_s:
+            least = math.ceil(LEAST_WATCHDOG_STEPS * step_s / WATCHDOG_UNIT) * WATCHDOG_UNIT
+            hint = "A shorter one stops motors in every step, and nothing says so."
+            raise ConfigError("watchdog_s", settings.watchdog_s, f"0, or {least:.2f} and more: three steps", hint)
+        self.counts: Counter[str] = Counter()
+        self.currents = np.zeros(len(self.ids), np.int64)
+        self.ticks: NDArray[np.int64] | None = None
+        self._read_at = 0.0
+        self._counters: dict[int, tuple[int, float]] = {}
+        self.handler = dxl.Protocol2PacketHandler()
+        self.port = _Port(settings.port)
+        self.port.latency_ms = patience_ms
+        try:
+            if not self.port.setBaudRate(settings.baud):
+                raise BusLost(f"{settings.port}: no baud rate of {settings.baud}")
+        except PORT_ERRORS as error:
+            raise BusLost(f"{settings.port}: {error}") from error
+
+    def connect(self) -> None:
+        """Check every motor, and configure it; torque goes off only where the mode has to change."""
+        self._drain()
+        for ident in self.ids:
+            self._check_model(ident)
+            if error := self._get(ident, _HARDWARE_ERROR, 1):
+                raise HardwareAlert(f"motor {ident} has the hardware error {error:#04x}: find out why, then reboot it")
+        for ident in self.ids:
+            self._configure(ident)
+
+    def _check_model(self, ident: int) -> None:
+        model = result = None
+        for _ in range(1 + _RETRIES):
+            model, result, _ = self.handler.ping(self.port, ident)
+            if result == dxl.COMM_SUCCESS:
+                break
+        if result != dxl.COMM_SUCCESS:
+            raise BusLost(f"motor {ident} does not answer at {self.settings.port}: {self._words(result)}")
+        if model != MODEL:
+            raise RigError(f"motor {ident} is model {model}; this driver knows {MODEL}, XM430-W350, alone")
+
+    def _configure(self, ident: int) -> None:
+        self._set(ident, _WATCHDOG, 1, 0)
+        for at, value in ((_RETURN_DELAY, 0), (_MODE, _CURRENT_POSITION)):
+            if self._get(ident, at, 1) != value:
+                self._set(ident, _TORQUE, 1, 0)
+                self._set(ident, at, 1, value)
+        limit = self._get(ident, _CURRENT_LIMIT, 2)
+        if self.settings.current_limit is not None:
+            ampere = self.settings.current_limit * self.spools.radius_mm * 1e-3 / NEWTON_METRE_PER_AMPERE
+            limit = min(limit, max(1, int(ampere / AMPERE_PER_COUNT)))
+        self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+        self._set(ident, _GOAL_CURRENT, 2, limit)
+        self._set(ident, _TORQUE, 1, 1)
+        self._set(ident, _WATCHDOG, 1, self._watchdog)
+        if (shown := self._get(ident, _WATCHDOG, 1)) != self._watchdog:
+            raise RigError(f"motor {ident} shows a watchdog of {shown}, not {self._watchdog}, after it was set")
+
+    def read(self) -> RigReading:
+        """Positions [mm].
+
+        Raises:
+            HardwareAlert: an error, no torque, or a watchdog that has stopped a motor.
+            RigError: positions that jumped: after a reboot the number of turns is lost.
+            BusLost: no answer three times in a row.
+        """
+        before = self.counts["retries"]
+        blocks = self._blocks()
+        now = self.clock.now()
+        self._check(blocks)
+        ticks = np.array([self._signed_in(blocks[ident], _POSITION, 4) for ident in self.ids])
+        self.currents = np.array([self._signed_in(blocks[ident], _CURRENT, 2) for ident in self.ids])
+        if self.ticks is not None:
+            farthest = 1.5 * FASTEST_RPM / 60.0 * self.spools.ticks_per_turn * (now - self._read_at) + 40.0
+            if (np.abs(ticks - self.ticks) > farthest).any():
+                jump = (ticks - self.ticks).tolist()
+                raise RigError(f"positions jumped by {jump} ticks: turns are lost after a reboot; home again")
+        self.ticks, self._read_at = ticks, now
+        return RigReading(self.spools.lengths(ticks), now, self.counts["retries"] - before)
+
+    def _check(self, blocks: dict[int, bytes]) -> None:
+        problems = []
+        for ident, block in blocks.items():
+            if error := block[_HARDWARE_ERROR - _FIRST]:
+                problems.append(f"motor {ident} has the hardware error {error:#04x}")
+            elif block[_WATCHDOG - _FIRST] == TRIPPED:
+                problems.append(f"the watchdog has stopped motor {ident}")
+            elif not block[_TORQUE - _FIRST]:
+                problems.append(f"motor {ident} has no torque")
+        if problems:
+            raise HardwareAlert("; ".join(problems))
+
+    def _blocks(self) -> dict[int, bytes]:
+        """The block of every motor, whatever the order of answers; asked again where one is missing."""
+        self.counts["reads"] += 1
+        blocks: dict[int, bytes] = {}
+        result = dxl.COMM_SUCCESS
+        for _ in range(1 + _RETRIES):
+            answered, result = self._asked()
+            blocks |= answered
+            if len(blocks) == len(self.ids):
+                return blocks
+            self.counts["retries"] += 1
+            self.counts["damaged" if result == dxl.COMM_RX_CORRUPT else "time-outs"] += 1
+        missing = [ident for ident in self.ids if ident not in blocks]
+        raise BusLost(f"motors {missing} did not answer {1 + _RETRIES} times: {self._words(result)}")
+
+    def _asked(self) -> tuple[dict[int, bytes], int]:
+        blocks: dict[int, bytes] = {}
+        self.port.is_using = False
+        result = self.handler.syncReadTx(self.port, _FIRST, _SIZE, self.ids, len(self.ids), False)
+        while result == dxl.COMM_SUCCESS and len(blocks) < len(self.ids):
+            self.port.setPacketTimeout(_SIZE + 11)
+            raw, result = self.handler.rxPacket(self.port, False)
+            if result != dxl.COMM_SUCCESS:
+                break
+            ident, content = raw[4], bytes(raw[9 : 9 + _SIZE])
+            if ident not in self.ids or raw[7] != 0x55 or raw[5] + 256 * raw[6] != _SIZE + 4:
+                continue  # the answer to another question
+            if self._is_old(ident, int.from_bytes(content[_TICK - _FIRST : _TICK - _FIRST + 2], "little")):
+                self.counts["old"] += 1
+                continue
+            blocks[ident] = content
+        self.port.is_using = False
+        return blocks, result
+
+    def _is_old(self, ident: int, counter: int) -> bool:
+        """Whether an answer is one to an earlier question, by the motor's own milliseconds."""
+        now = self.clock.now()
+        if ident in self._counters:
+            first, then = self._counters[ident]
+            passed = (counter - first + _TICK_RANGE // 2) % _TICK_RANGE - _TICK_RANGE // 2
+            if (now - then) * 1e3 < _TICK_RANGE // 2 and (now - then) * 1e3 - passed > _OLD_MS:
+                return True
+        self._counters[ident] = counter, now
+        return False
+
+    def write(self, goals: Array) -> None:
+        """Send goals [mm] to all motors at once; there is no answer. RigError for goals that cannot be sent."""
+        if not np.isfinite(goals).all():
+            raise RigError(f"goals {np.asarray(goals).tolist()} are not finite")
+        ticks = self.spools.ticks(goals)
+        if (np.abs(ticks) > MOST_TURNS * self.spools.ticks_per_turn).any():
+            raise RigError(f"goals of {ticks.tolist()} ticks are beyond {MOST_TURNS} turns")
+        self._send(ticks)
+
+    def _send(self, ticks: NDArray[np.int64]) -> None:
+        words: list[int] = []
+        for ident, tick in zip(self.ids, ticks.tolist(), strict=True):
+            words += [ident, *tick.to_bytes(4, "little", signed=True)]
+        self.port.is_using = False
+        result = self.handler.syncWriteTxOnly(self.port, _GOAL, 4, words, len(words))
+        if result != dxl.COMM_SUCCESS:
+            raise BusLost(f"goals could not be sent: {self._words(result)}")
+
+    def hold(self) -> bool:
+        """Goals where motors are, of each that answers; whether all were told."""
+        try:
+            self._drain()
+        except RigError:
+            return False
+        held = True
+        for ident in self.ids:
+            try:
+                if self._get(ident, _HARDWARE_ERROR, 1) or not self._get(ident, _TORQUE, 1):
+                    held = False  # it cannot hold
+                    continue
+                if self._get(ident, _WATCHDOG, 1) == TRIPPED:
+                    continue  # it stands, and takes no goals
+                self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+            except RigError:
+                held = False
+        return held
+
+    def release_watchdogs(self) -> None:
+        """Let motors that their watchdogs have stopped take goals again, which are where they stand."""
+        for ident in self.ids:
+            self._set(ident, _WATCHDOG, 1, 0)
+            self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+            self._set(ident, _WATCHDOG, 1, self._watchdog)
+
+    def reboot(self, ident: int) -> None:
+        """Reboot a motor: torque goes, and its turns are lost, so that the rig has to be homed."""
+        self.handler.reboot(self.port, ident)
+        self.ticks = None
+        self._counters.pop(ident, None)
+
+    def relax(self) -> None:
+        """Torque off: tendons run out, and contacts that no tendon presses come apart."""
+        for ident in self.ids:
+            self._set(ident, _TORQUE, 1, 0)
+
+    def close(self) -> None:
+        """Leave the port. Motors go on holding, without watchdogs, which would not know that the loop has ended."""
+        with suppress(RigError):  # a motor that is gone stays as it is
+            for ident in self.ids:
+                self._set(ident, _WATCHDOG, 1, 0)
+        with suppress(*PORT_ERRORS):
+            self.port.closePort()
+
+    def _get(self, ident: int, at: int, size: int) -> int:
+        content: list[int] = []
+        result = None
+        for _ in range(1 + _RETRIES):
+            self.port.is_using = False
+            content, result, _ = self.handler.readTxRx(self.port, ident, at, size)
+            if result == dxl.COMM_SUCCESS and len(content) == size:
+                return int.from_bytes(bytes(content), "little")
+            self.counts["retries"] += 1
+            self._drain(0.005)
+        raise BusLost(f"reading {at} of motor {ident}: {self._words(result)}")
+
+    def _set(self, ident: int, at: int, size: int, value: int) -> None:
+        content = list(int(value).to_bytes(size, "little", signed=value < 0))
+        result, error = None, 0
+        for _ in range(1 + _RETRIES):
+            self.port.is_using = False
+            result, error = self.handler.writeTxRx(self.port, ident, at, size, content)
+            if result == dxl.COMM_SUCCESS and error & ~_ALERT != _CRC:
+                break
+            self.counts["retries"] += 1
+            self._drain(0.005)
+        if result != dxl.COMM_SUCCESS:
+            raise BusLost(f"writing {at} of motor {ident}: {self._words(result)}")
+        if error & _ALERT:
+            raise HardwareAlert(f"writing {at} of motor {ident}: it reports a hardware error")
+        if error:
+            raise RigError(f"writing {at} of motor {ident}: {self.handler.getRxPacketError(error)}")
+
+    def _drain(self, quiet: float = 0.01, longest: float = 0.5) -> None:
+        """Read away what still comes: an answer has no number, and would be taken for the next."""
+        self.port.is_using = False
+        last = begun = time.monotonic()
+        while time.monotonic() - begun < longest and time.monotonic() - last < quiet:
+            if self.port.readPort(256):
+                last = time.monotonic()
+
+    def _words(self, result: int | None) -> str:
+        return "" if result is None else str(self.handler.getTxRxResult(result)).replace("[TxRxResult] ", "")
+
+    @staticmethod
+    def _signed(value: int, size: int) -> int:
+        return value - (1 << 8 * size) if value >= 1 << (8 * size - 1) else value
+
+    @staticmethod
+    def _signed_in(block: bytes, at: int, size: int) -> int:
+        return int.from_bytes(block[at - _FIRST : at - _FIRST + size], "little", signed=True)

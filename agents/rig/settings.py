@@ -1,0 +1,239 @@
+"""The file of a rig (YAML, read strictly), and its calibration beside it (JSON)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.rig.guard import GuardSettings
+from agents.rig.loop import Rig
+from agents.rig.pace import LoopClock, VirtualClock, WallClock
+from agents.rig.spool import Spools
+from agents.runs.checked_json import read_json
+from agents.runs.files import write_text
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.checked_yaml import mapping, number, numbers, read_yaml, text
+from rollingjoint.checks import as_boolean, as_integer, as_positive
+from rollingjoint.errors import ConfigError
+from rollingjoint.identify import RecordingWriter
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.transmission import unstretched_length
+
+KEYS = ("mechanism", "rate", "looks", "motors", "cells", "guard", "simulated", "offsets", "identified")
+MOTOR_KEYS = ("port", "baud", "ids", "signs", "radius_mm", "current_limit", "watchdog_s")
+CELL_KEYS = ("port", "baud")
+SIMULATED_KEYS = ("robot", "generation", "wall")
+CALIBRATION = ".calibration.json"
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """A rig, as its file says.
+
+    Args:
+        path: of the file. mechanism: as designed. rate: of steps [Hz]. looks: in each.
+        motors, cells: their keys, MOTOR_KEYS and CELL_KEYS. guard: limits.
+        offsets: true lengths minus those of the calibration, (m,) [mm]; of `offsets`, or of the folder `identified`.
+        simulated: a robot of the development set in software, in place of ports; None: hardware.
+    """
+
+    path: Path
+    mechanism: AnyChain
+    rate: float
+    looks: int
+    motors: Mapping[str, Any]
+    cells: Mapping[str, Any]
+    guard: GuardSettings
+    offsets: tuple[float, ...]
+    simulated: Mapping[str, Any] | None
+
+    @property
+    def calibration_path(self) -> Path:
+        """Where its calibration is."""
+        return self.path.with_name(self.path.stem + CALIBRATION)
+
+    def spools(self, calibrated: bool = True) -> Spools:
+        """Its spools; by its calibration, or, not calibrated, with lengths from the present design at ticks 0.
+
+        Raises:
+            ConfigError: no calibration, a damaged one, or one of other motors.
+        """
+        m, signs = self.mechanism.n_tendons, tuple(self.motors["signs"])
+        radius = float(self.motors["radius_mm"])
+        if not calibrated:
+            return Spools(radius, signs, (0,) * m, (0.0,) * m)
+        if not self.calibration_path.is_file():
+            hint = f"rj rig home {self.path} makes it."
+            raise ConfigError("calibration", str(self.calibration_path), "the calibration of this rig", hint)
+        content = mapping(
+            str(self.calibration_path), read_json(self.calibration_path), CALIBRATION_KEYS, ("zero_ticks",)
+        )
+        if list(content["signs"]) != list(signs) or content["radius_mm"] != radius:
+            raise ConfigError("calibration", str(self.calibration_path), "of the signs and radius in the rig's file")
+        ticks, lengths = tuple(map(int, content["zero_ticks"])), tuple(map(float, content["zero_mm"]))
+        return Spools(radius, signs, ticks, lengths, self.offsets)
+
+    def keep_calibration(self, ticks: Any, lengths: Any, tension: float) -> None:
+        """Write the zero: ticks, and lengths there [mm]; tension: of homing [N]."""
+        values = {
+            "zero_ticks": [int(tick) for tick in ticks],
+            "zero_mm": [round(float(length), 6) for length in lengths],
+            "signs": list(self.motors["signs"]),
+            "radius_mm": float(self.motors["radius_mm"]),
+            "tension": tension,
+        }
+        write_text(self.calibration_path, json.dumps(values, indent=1) + "\n")
+
+
+CALIBRATION_KEYS = ("zero_ticks", "zero_mm", "signs", "radius_mm", "tension")
+
+
+def load_rig(path: str | Path) -> RigSettings:
+    """The rig of a file; raises ConfigError for a wrong key, type or number, with the place."""
+    path, where = Path(path), str(path)
+    top = mapping(where, read_yaml(path), KEYS, ("mechanism", "motors"))
+    named = text(f"{where}: mechanism", top["mechanism"])
+    beside = path.parent / named
+    mechanism = load_mechanism(beside if beside.is_file() else named)
+    m = mechanism.n_tendons
+    simulated = None if top.get("simulated") is None else _simulated(f"{where}: simulated", top["simulated"])
+    motors = _motors(f"{where}: motors", top["motors"], m, simulated is not None)
+    cells = dict(mapping(f"{where}: cells", top.get("cells"), CELL_KEYS, () if simulated is not None else ("port",)))
+    names = [field.name for field in fields(GuardSettings)]
+    given = mapping(f"{where}: guard", top.get("guard"), names)
+    guard = GuardSettings(**{name: number(f"{where}: guard.{name}", value) for name, value in given.items()})
+    rate = as_positive(f"{where}: rate", top.get("rate", 20.0), "a positive number [Hz]", ConfigError)
+    looks = as_integer(f"{where}: looks", top.get("looks", 4), 1, 100, error=ConfigError)
+    offsets = _offsets(where, top, path.parent, m)
+    return RigSettings(path, mechanism, rate, looks, motors, cells, guard, offsets, simulated)
+
+
+def _motors(where: str, value: object, m: int, in_software: bool) -> dict[str, Any]:
+    content = mapping(
+        where, value, MOTOR_KEYS, ("radius_mm",) if in_software else ("port", "ids", "signs", "radius_mm")
+    )
+    motors = {"ids": list(range(1, m + 1)), "signs": [1] * m, "baud": 1_000_000, "watchdog_s": 0.4} | dict(content)
+    for name in ("ids", "signs"):
+        values = numbers(f"{where}.{name}", motors[name])
+        if len(values) != m:
+            raise ConfigError(f"{where}.{name}", motors[name], f"{m} numbers, one per tendon")
+        motors[name] = [as_integer(f"{where}.{name}", each, -1, 252, error=ConfigError) for each in values]
+    for name in ("radius_mm", "current_limit"):
+        if motors.get(name) is not None:
+            motors[name] = as_positive(f"{where}.{name}", motors[name], "a positive number", ConfigError)
+    return motors
+
+
+def _simulated(where: str, value: object) -> dict[str, Any]:
+    content = {"robot": 1000, "generation": 1, "wall": False} | dict(mapping(where, value, SIMULATED_KEYS))
+    as_integer(f"{where}.robot", content["robot"], 0, error=ConfigError)
+    as_integer(f"{where}.generation", content["generation"], 0, 1, error=ConfigError)
+    as_boolean(f"{where}.wall", content["wall"], ConfigError)
+    return content
+
+
+def _offsets(where: str, top: Mapping[str, Any], folder: Path, m: int) -> tuple[float, ...]:
+    """Offsets from the file itself, or from the folder that rj identify wrote."""
+    values = top.get("offsets")
+    if top.get("identified") is not None:
+        from rollingjoint.identify.rig_files import IDENTIFIED
+
+        if values is not None:
+            raise ConfigError(f"{where}: offsets", values, "offsets or identified, not both")
+        source = folder / text(f"{where}: identified", top["identified"]) / IDENTIFIED
+        content = read_yaml(source)
+        values = content.get("offsets") if isinstance(content, Mapping) else None
+        if values is None:
+            raise ConfigError(str(source), values, "the key 'offsets'", "rj identify --output FOLDER writes it.")
+    if values is None:
+        return (0.0,) * m
+    offsets = tuple(numbers(f"{where}: offsets", values))
+    if len(offsets) != m:
+        raise ConfigError(f"{where}: offsets", list(offsets), f"{m} numbers, one per tendon [mm]")
+    return offsets
+
+
+@contextmanager
+def connected(
+    settings: RigSettings, calibrated: bool = True, writer: RecordingWriter | None = None
+) -> Iterator[tuple[Rig, Any]]:
+    """The rig, connected, and its motors; on leaving they hold.
+
+    Raises:
+        RigError, ConfigError: ports, motors or a calibration that cannot be used.
+    """
+    from agents.rig.cells import SerialCells
+    from agents.rig.dynamixel import Dynamixels, DynamixelSettings
+
+    spools = settings.spools(calibrated)
+    bus: Any = None
+    clock: LoopClock = WallClock()
+    ports = str(settings.motors.get("port")), str(settings.cells.get("port"))
+    if settings.simulated is not None:
+        bus, clock = simulated_bus(settings)
+        ports = bus.port, bus.cell_port
+    try:
+        options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
+                   if settings.motors.get(name) is not None}  # fmt: skip
+        patience = 2000.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, kernels may compile
+        bus_settings = DynamixelSettings(port=ports[0], **options)
+        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, patience)
+        if isinstance(clock, VirtualClock):
+            clock.quiet.append(lambda: bus.received >= motors.port.sent)
+        motors.connect()
+        baud = int(settings.cells.get("baud", 115_200))
+        cells = SerialCells(ports[1], settings.mechanism.n_tendons, clock, baud, max(0.02, 1e-3 * patience))
+        at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
+        poses = None if bus is None else _SimulatedTracker(bus, clock)
+        with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:
+            yield rig, motors
+    finally:
+        if bus is not None:
+            bus.close()
+
+
+def simulated_bus(settings: RigSettings) -> tuple[Any, LoopClock]:
+    """A robot behind a simulated bus, and its clock."""
+    from agents.adaptation.robot import robot
+    from agents.rig.simulated.bus import SimulatedBus
+    from agents.rig.simulated.plant import Plant
+    from rollingjoint import CapstanFriction
+
+    content = settings.simulated or {}
+    one = robot(content["robot"], content["generation"])
+    from dataclasses import replace
+
+    tendons = [
+        replace(tendon, friction=CapstanFriction(mu))
+        for tendon, mu in zip(one.chain.tendons, one.mu.tolist(), strict=True)
+    ]
+    chain = one.chain.replace(tendons=tendons)
+    clock: LoopClock = WallClock() if content["wall"] else VirtualClock()
+    plant = Plant(chain, one.play_mm, one.sheath_friction, one.motor_offsets, seed=one.number)
+    signs, radius = tuple(settings.motors["signs"]), float(settings.motors["radius_mm"])
+    return SimulatedBus(plant, clock, radius, signs, seed=one.number), clock
+
+
+class _SimulatedTracker:
+    """A camera at a simulated bench: the tip with noise."""
+
+    def __init__(self, bus: Any, clock: LoopClock, noise: float = 0.2) -> None:
+        self.bus, self.clock, self.noise = bus, clock, noise
+        self._rng = np.random.default_rng(1)
+
+    def read(self) -> Any:
+        """Place of the tip [mm]."""
+        from agents.rig.protocols import RigReading
+
+        with self.bus.lock:
+            tip = self.bus.plant.tip
+        return RigReading(tip + self.noise * self._rng.standard_normal(len(tip)), self.clock.now())
+
+
+__all__ = ["RigSettings", "connected", "load_rig", "simulated_bus", "unstretched_length"]

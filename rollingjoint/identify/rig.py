@@ -1,0 +1,324 @@
+"""Identification of a rig from a recording: the most likely numbers under the beliefs, and how sure they are.
+
+The most likely rig minimises a sum of squares: distances of predictions from readings and of numbers from their
+beliefs, in standard deviations, by a trust-region method (scipy) with forward differences, all in one batch. Readings
+beyond a few standard deviations count less, since play and friction switch. Standard deviations of readings are found
+from the residuals of a first fit, and the covariance of the numbers follows from the linearised problem (Laplace's
+approximation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput, SolverError
+from rollingjoint.identify.beliefs import RIG_KINDS, Belief, RigSpace
+from rollingjoint.identify.recording import MOST_STEPS, RigRecording
+from rollingjoint.identify.twin import Limits, RigModel
+from rollingjoint.load import Load
+from rollingjoint.statics.solve import solve_lengths, solve_tensions_batch
+from rollingjoint.transmission import unstretched_length
+
+Array = NDArray[np.float64]
+
+DEVIATIONS = {"tension": 0.2, "position": 0.4}  # of readings in the first fit, N and mm
+SMALLEST_DEVIATIONS = {"tension": 0.01, "position": 0.005}
+EVALUATIONS = 15  # at most, each with its derivatives
+GRID = {"play": (0.75, 1.5, 3.0, 4.5, 6.0), "sheath": (0.1, 0.4, 0.8), "offsets": (0.0, -1.5, -3.0)}
+"""Where the search may begin: play [mm] and sheath friction of all tendons, and what is added to their offsets [mm]."""
+MOST_STARTS = 4
+LOST = 10.0  # standard deviations: the residual where the model has no equilibrium
+REACH, FINE_REACH = 0.05, 1e-4  # of differences in the search and at its end, in standard deviations of the beliefs
+DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
+_FAR = 3.0  # standard deviations: readings beyond count less
+_HOMED = 4.0  # mm
+_POOR = 3.0  # standard deviations of the first fit that are left: another start is tried
+_ENOUGH = 1e-6  # change of the cost at which the search ends, as a share of it
+_NORMAL = 1.4826  # standard deviation over median of the size, of a normal distribution
+_SURE = 1.96  # standard deviations: half a 95 % interval
+
+
+@dataclass(frozen=True)
+class IdentifiedRig:
+    """Beliefs about a rig after a recording.
+
+    Args:
+        space: of rigs. values: of the most likely one, (P,). covariance: (P, P).
+        deviations: standard deviations of readings by quantity, from the residuals [N, mm].
+        residual: root mean square of the residuals, in standard deviations of the first fit. before: the same of the
+            first beliefs. count: of readings.
+        begin: position of the motors where the recording begins, (m,) [mm].
+    """
+
+    space: RigSpace
+    values: Array
+    covariance: Array
+    deviations: Mapping[str, float]
+    residual: float
+    before: float
+    count: int
+    begin: Array
+
+    @property
+    def fields(self) -> dict[str, Array]:
+        """The most likely numbers, by kind."""
+        return self.space.fields(self.values)
+
+    @property
+    def sd(self) -> dict[str, Array]:
+        """Their standard deviations, by kind."""
+        return self.space.fields(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def intervals(self) -> Array:
+        """95 % intervals within the bounds, (P, 2)."""
+        margin = _SURE * np.sqrt(np.diag(self.covariance))
+        ends = np.stack([self.values - margin, self.values + margin], axis=1)
+        return np.clip(ends, self.space.low[:, None], self.space.high[:, None])
+
+    @property
+    def mechanism(self) -> AnyChain:
+        """The mechanism with the most likely numbers."""
+        return self.space.chain(self.values)
+
+    @property
+    def offsets(self) -> Array:
+        """Unstretched length minus position of every motor, (m,) [mm]: added to positions, these are true lengths."""
+        return self.space.value(self.values, "offsets")
+
+    @property
+    def pretension(self) -> Array:
+        """Tensions behind the sheath where the recording begins, in the middle of the play, (m,) [N]."""
+        return np.asarray(solve_lengths(self.mechanism, self.begin + self.offsets).tensions)
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+        """Rigs as this one may be, (count, P): samples of the posterior within the bounds."""
+        samples = rng.multivariate_normal(self.values, self.covariance, count, method="cholesky")
+        return np.clip(samples, self.space.low, self.space.high)
+
+
+def identify_rig(
+    recording: RigRecording,
+    mechanism: AnyChain | None = None,
+    kinds: Sequence[str] | None = None,
+    *,
+    beliefs: Mapping[str, Belief] | None = None,
+    loads: Sequence[Load] = (),
+    limits: Limits = (0.0, np.inf),
+    first: int | None = None,
+    evaluations: int = EVALUATIONS,
+    say: Callable[[], object] = lambda: None,
+) -> IdentifiedRig:
+    """Beliefs about a rig after a recording of it.
+
+    Args:
+        recording: of any length; it is thinned. mechanism: as designed; None: the recording's.
+        kinds: names from RIG_KINDS; None: play, sheath, mu, stiffness, offsets and, where a tip was seen, surfaces.
+        beliefs: in place of those of RIG_KINDS. Those of offsets are about what the first readings say by default.
+        loads, limits, first: as of RigModel.
+        evaluations: of the model with its derivatives, at most. say: called at each.
+    Raises:
+        InvalidInput: no mechanism, unknown kinds, a recording without tensions and tips.
+        SolverError: no equilibrium anywhere.
+    """
+    chain = mechanism or recording.mechanism
+    if chain is None:
+        hint = "Name it in the first line of the recording, or by --mechanism."
+        raise InvalidInput("mechanism", None, "the mechanism as designed", hint)
+    if chain.n_tendons != recording.n_tendons:
+        raise InvalidInput("tendons of the recording", recording.n_tendons, f"{chain.n_tendons}, as of the mechanism")
+    as_integer("evaluations", evaluations, 1)
+    if kinds is None:
+        surfaces = ["surfaces"] if recording.sees_tip and isinstance(chain, RIG_KINDS["surfaces"].mechanisms) else []
+        kinds = [*DRIVES, *surfaces]
+    own = dict(beliefs or {})
+    if "offsets" in kinds and "offsets" not in own:
+        own["offsets"] = replace(RIG_KINDS["offsets"].belief, mean=first_offsets(recording, chain, loads))
+    space = RigSpace(chain, kinds, own)
+    kept = recording.thinned(MOST_STEPS)
+    misfit = Misfit(RigModel(kept, space, loads, limits, first))
+    if not misfit.size:
+        raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", "Move more.")
+    before = misfit.rms(np.zeros(len(space)))
+    start = None
+    if "mu" in kinds and limits == (0.0, np.inf):  # where the search begins follows from a model without that friction
+        smooth = RigSpace(chain, [name for name in kinds if name != "mu"], own)
+        fields = smooth.fields(Misfit(RigModel(kept, smooth, loads, limits, first)).best_fit(evaluations, say))
+        start = space.vector(fields | {"mu": 0.0})
+    start = misfit.best_fit(evaluations, say) if start is None else misfit.fitted(start, evaluations, say)
+    residual = misfit.rms(start)
+    if not misfit.solvable(start):
+        raise SolverError("no equilibrium of the model along the recorded motor positions: check units and signs")
+    misfit.learn_deviations(start)
+    start = misfit.fitted(start, max(evaluations // 3, 1), say)
+    misfit.learn_deviations(start)
+    covariance = misfit.covariance(start) * np.outer(space.sd, space.sd)
+    begin = np.asarray(recording.runs[0].motors[0])
+    values = space.mean + start * space.sd
+    return IdentifiedRig(space, values, covariance, misfit.deviations, residual, before, misfit.size, begin)
+
+
+def designed_space(mechanism: AnyChain) -> tuple[RigSpace, Array]:
+    """Rigs with offsets alone, and the one as designed."""
+    space = RigSpace(mechanism, ["offsets"])
+    return space, np.zeros(len(space))
+
+
+def first_offsets(recording: RigRecording, chain: AnyChain, loads: Sequence[Load] = ()) -> Array:
+    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where small, as of homed rigs."""
+    run = recording.runs[0]
+    rows = np.flatnonzero(np.isfinite(run.tensions).all(axis=1) & (run.tensions > 0.0).all(axis=1))[:1]
+    if not rows.size:
+        return np.zeros(chain.n_tendons)
+    solved = solve_tensions_batch(chain, run.tensions[rows], loads)
+    free = unstretched_length(np.asarray(solved.lengths), run.tensions[rows], chain.stiffnesses)
+    offsets = np.asarray(free - run.motors[rows])[0]
+    return np.zeros_like(offsets) if np.abs(offsets).max() < _HOMED else offsets
+
+
+class Misfit:
+    """Residuals of rigs against a recording, then their distances from the beliefs, all in standard deviations.
+
+    Rigs are vectors of the space minus its means, over its standard deviations.
+    """
+
+    def __init__(self, model: RigModel) -> None:
+        self.model, self.space = model, model.space
+        self.deviations = dict(DEVIATIONS)
+        self.read = {
+            "tension": np.isfinite(model.tensions) & model.counts[..., None],
+            "position": np.isfinite(model.tips) & model.counts[..., None],
+        }
+        self.size = sum(int(mask.sum()) for mask in self.read.values())
+        seen = bool(self.read["position"].any())
+        self.heard = [name for name in self.space.kinds if seen or name != "surfaces"]  # tensions hardly know surfaces
+
+    def errors(self, scaled: Array) -> dict[str, Array]:
+        """Predicted minus measured by quantity, (K, readings) [N, mm]; NaN where there is no equilibrium."""
+        vectors = np.clip(self.space.mean + scaled * self.space.sd, self.space.low, self.space.high)
+        model, predicted = self.model, self.model.predict(vectors)
+        pairs = {
+            "tension": (predicted.tensions, model.tensions),
+            "position": (predicted.tips, model.tips),
+        }
+        ok = predicted.ok[..., None]
+        return {
+            name: np.where(ok, values - measured, np.nan)[:, self.read[name]]
+            for name, (values, measured) in pairs.items()
+        }
+
+    def of_all(self, scaled: Array, deviations: Mapping[str, float] | None = None) -> Array:
+        """Residuals of K rigs, (K, N)."""
+        sizes = deviations or self.deviations
+        errors = [values / sizes[name] for name, values in self.errors(scaled).items()]
+        return np.concatenate([np.nan_to_num(np.concatenate(errors, axis=1), nan=LOST), scaled], axis=1)
+
+    def __call__(self, scaled: Array) -> Array:
+        """Residuals of one rig, (N,)."""
+        return self.of_all(scaled[None])[0]
+
+    def rms(self, scaled: Array, deviations: Mapping[str, float] | None = None) -> float:
+        """Root mean square of the residuals of readings."""
+        return float(np.sqrt(np.mean(self.of_all(scaled[None], deviations)[0, : self.size] ** 2)))
+
+    def best_fit(self, evaluations: int, say: Callable[[], object]) -> Array:
+        """The most likely rig: from the best point of the grid, and from the next ones while much is left."""
+        fits: list[Array] = []
+        for start in self.starts()[:MOST_STARTS]:
+            fits.append(self.fitted(start, evaluations, say))
+            if self.rms(fits[-1]) < _POOR:
+                return fits[-1]
+        return min(fits, key=self.rms)
+
+    def starts(self) -> list[Array]:
+        """Points of a grid over play, sheath friction and tautness, the best first: there are several minima."""
+        names, space, points = [name for name in GRID if name in self.space.kinds], self.space, []
+        for values in product(*(GRID[name] for name in names)):
+            vector = space.mean.copy()
+            for name, value in zip(names, values, strict=True):
+                place = space.place(name)
+                vector[place] = value + (vector[place] if name == "offsets" else 0.0)
+            points.append((np.clip(vector, space.low, space.high) - space.mean) / space.sd)
+        costs = np.sqrt(1.0 + (self.of_all(np.array(points)) / _FAR) ** 2).sum(axis=1)
+        return [points[place] for place in np.argsort(costs, kind="stable")]
+
+    def solvable(self, scaled: Array) -> bool:
+        """Whether there is an equilibrium at any reading that counts."""
+        return any(bool(np.isfinite(values).any()) for values in self.errors(scaled[None]).values())
+
+    def covariance(self, scaled: Array) -> Array:
+        """Of the numbers, scaled, (P, P): of the linearised problem.
+
+        Its differences are much smaller than in the search: readings have kinks where motors turn or give way, and
+        where surfaces and offsets explain the same, large differences would count kinks as information.
+        """
+        jacobian = self.derivatives(scaled, FINE_REACH)
+        return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
+
+    def derivatives(self, scaled: Array, reach: float = REACH) -> Array:
+        """By differences to one side, (N, P)."""
+        units = np.eye(len(self.space))
+        places = np.concatenate([np.arange(len(units))[self.space.place(name)] for name in self.heard])
+        ends = self.space.mean + (scaled + reach) * self.space.sd
+        shifts = np.where((ends > self.space.high) | (ends < self.space.low), -reach, reach)[places]
+        rows = self.of_all(np.concatenate([scaled[None], scaled + shifts[:, None] * units[places]]))
+        jacobian = np.vstack([np.zeros((self.size, len(units))), units])
+        jacobian[:, places] = ((rows[1:] - rows[0]) / shifts[:, None]).T
+        return jacobian
+
+    def fitted(self, start: Array, evaluations: int, say: Callable[[], object]) -> Array:
+        """The most likely rig near a start."""
+        from scipy.optimize import least_squares
+
+        def derivatives(scaled: Array) -> Array:
+            say()
+            return self.derivatives(scaled)
+
+        space = self.space
+        low, high = ((end - space.mean) / space.sd for end in (space.low, space.high))
+        margin = 1e-6 * (high - low)
+        inside = np.clip(start, low + margin, high - margin)
+        solution = least_squares(
+            self,
+            inside,
+            derivatives,
+            (low, high),
+            ftol=_ENOUGH,
+            loss="soft_l1",
+            f_scale=_FAR,
+            max_nfev=evaluations,
+        )
+        return np.asarray(solution.x)
+
+    def learn_deviations(self, scaled: Array) -> None:
+        """Take standard deviations of readings from the residuals."""
+        for name, values in self.errors(scaled[None]).items():
+            sizes = np.abs(values[np.isfinite(values)])
+            if sizes.size:
+                self.deviations[name] = max(_NORMAL * float(np.median(sizes)), SMALLEST_DEVIATIONS[name])
+
+
+def as_report(found: IdentifiedRig) -> dict[str, Any]:
+    """Values with 95 % intervals by name, pretension, deviations and residuals, as plain values."""
+    rows = zip(found.space.labels, found.values, np.sqrt(np.diag(found.covariance)), found.intervals, strict=True)
+    return {
+        "parameters": {
+            label: {"value": _short(value), "sd": _short(sd), "interval": [_short(end) for end in ends]}
+            for label, value, sd, ends in rows
+        },
+        "pretension": [_short(value) for value in found.pretension],
+        "deviations": {name: _short(value) for name, value in found.deviations.items()},
+        "residual": {"before": _short(found.before), "after": _short(found.residual), "readings": found.count},
+    }
+
+
+def _short(value: float | np.floating[Any]) -> float:
+    return float(f"{value:.6g}")

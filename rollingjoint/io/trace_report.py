@@ -1,0 +1,142 @@
+"""Paths of equilibria as text: a line for every step, to read; JSON and CSV to process."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.chain.status import Status
+from rollingjoint.io.path_file import BASE, UNITS
+from rollingjoint.statics.among import has_wall_friction
+from rollingjoint.tables import text_table
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TracedPath:
+    """Equilibria along a path, and what was given.
+
+    Args:
+        path: the equilibria, a leading axis K on their arrays; the first is a step without friction.
+        given: "lengths" or "tensions". inputs: (K, m). bases: (K, 3) poses of the base among walls; None: no walls.
+        feeds: (K,) way of the base along its y axis, where that is what was given [mm].
+    """
+
+    path: Any
+    given: str
+    inputs: Array
+    bases: Array | None = None
+    feeds: Array | None = None
+
+    @property
+    def failure(self) -> str:
+        """Number of steps without a stable equilibrium, with the status of the first; empty if there are none."""
+        wrong = np.flatnonzero(~self.path.ok)
+        if not wrong.size:
+            return ""
+        status = Status(int(self.path.status[wrong[0]]))
+        count = f"{wrong.size} of {len(self.inputs)} steps are no stable equilibria"
+        return f"{count}; step {wrong[0]} is {status.name}: {status.message}"
+
+    @property
+    def driver(self) -> tuple[str, Array]:
+        """Name and values, (K,), of the input that changes most: the way of the base, or one of a tendon's."""
+        if self.feeds is not None and np.ptp(self.feeds) > 0.0:
+            return "feed [mm]", self.feeds
+        leader = int(np.argmax(np.ptp(self.inputs, axis=0)))
+        name, unit = UNITS[self.given]
+        return f"{name} of tendon {leader} [{unit}]", self.inputs[:, leader]
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Quantities of every step by name, with the unit, (K,) each."""
+        path, (name, unit) = self.path, UNITS[self.given]
+        columns = {f"{name}_{j}_{unit}": values for j, values in enumerate(self.inputs.T)}
+        if self.bases is not None:
+            columns |= dict(zip(BASE, self.bases.T, strict=True))
+        axes = "xyz"[: path.tip.shape[1]]
+        columns |= {f"tip_{axis}_mm": values for axis, values in zip(axes, path.tip.T, strict=True)}
+        columns |= {f"tension_{j}_N": values for j, values in enumerate(path.tensions.T)} | {
+            f"tendon_length_{j}_mm": values for j, values in enumerate(path.lengths.T)
+        }
+        if self.given == "tensions":
+            columns |= {f"tension_{j}_N": values for j, values in enumerate(self.inputs.T)}
+        columns["dissipated_work_N_mm"] = path.dissipated_work
+        columns["sticking_holes"] = path.sticking.sum(axis=(1, 2))
+        if path.walls is not None:
+            columns |= self.wall_columns
+        columns["status"] = np.asarray(path.status, int)
+        return columns
+
+    @property
+    def wall_columns(self) -> dict[str, Array]:
+        """Contact with walls at every step: numbers of contacts and of those that stick, forces, jumps of the pose."""
+        touches, rubs = self.path.wall_contacts, has_wall_friction(self.path.walls.walls)
+        sticking = [sum(touch.sticks for touch in every) if rubs and step else 0 for step, every in enumerate(touches)]
+        forces = self.path.wall_forces
+        columns = {
+            "wall_contacts": np.array([len(every) for every in touches]),
+            "sticking_contacts": np.array(sticking),
+            "largest_normal_N": np.array([max((touch.force for touch in every), default=0.0) for every in touches]),
+            "insertion_force_N": self.path.insertion_force,
+            "jumped": np.asarray(self.path.jumped, int),
+        }
+        for link in range(1, forces.shape[1]):
+            for name, values in zip(("x_N", "y_N", "moment_N_mm"), forces[:, link].T, strict=True):
+                columns[f"wall_force_{link}_{name}"] = values
+        return columns
+
+    def as_table(self) -> str:
+        """A line per step: what drives it, the tip, contact with walls, work of friction, how it ended."""
+        driver, values = self.driver
+        tip = self.path.tip
+        head = ["step", driver, *(f"{axis} [mm]" for axis in "xyz"[: tip.shape[1]])]
+        cells = [[f"{value:.3f}" for value in column + 0.0] for column in (values, *tip.T)]
+        if self.path.walls is not None:
+            walls = self.wall_columns
+            head += ["contacts", "stick", "normal [N]", "insertion [N]"]
+            cells += [list(map(str, walls[name])) for name in ("wall_contacts", "sticking_contacts")]
+            cells += [[f"{value:.3f}" for value in walls[f"{name}_N"] + 0.0] for name in _FORCES]
+        head += ["lost [N·mm]", ""]
+        cells += [[f"{value:.3f}" for value in self.path.dissipated_work + 0.0], self._remarks()]
+        return text_table(head, [[str(step), *row] for step, row in enumerate(zip(*cells, strict=True))], left=0)
+
+    def _remarks(self) -> list[str]:
+        """The status of steps that are no equilibria, and which poses jumped."""
+        jumped = np.zeros(len(self.inputs)) if self.path.walls is None else self.path.jumped
+        names = [Status(int(status)).name for status in self.path.status]
+        return [
+            name if name not in ("CONVERGED", "AT_LIMIT") else "jumped" * bool(jump)
+            for name, jump in zip(names, jumped, strict=True)
+        ]
+
+    def as_csv(self) -> str:
+        """Every step as a line of CSV; units are in the head."""
+        columns, stream = self.columns, io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["step", *columns])
+        for step, row in enumerate(zip(*(values.tolist() for values in columns.values()), strict=True)):
+            writer.writerow([step, *row])
+        return stream.getvalue().rstrip("\n")
+
+    def as_json(self) -> str:
+        """Every column as a list, JSON text; units are in the key names."""
+        content = {"mechanism": self.path.mechanism.name, "given": self.given, "usable": bool(self.path.ok.all())}
+        columns = {name: [_plain(value) for value in values.tolist()] for name, values in self.columns.items()}
+        return json.dumps(content | {"steps": columns}, indent=2, allow_nan=False)
+
+
+_FORCES = ("largest_normal", "insertion_force")
+
+
+def _plain(value: Any) -> Any:
+    """The number; None for infinity, which JSON cannot express."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,117 @@
+"""rj rig from check to drive on a simulated robot, and policies adapted to a recording of it."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from agents import adapt
+from agents.policies.loading import load_policy
+from agents.rig.command import main
+from agents.rig.settings import KEYS, load_rig
+from rollingjoint.cli import main as rj
+from rollingjoint.errors import ConfigError
+from rollingjoint.identify import read_recording
+
+pytestmark = pytest.mark.posix
+
+RIG = "mechanism: five_link\nmotors: {radius_mm: 10, signs: [1, -1], current_limit: 27}\nsimulated: {robot: 1000}\n"
+PAGE = Path("docs/rig.md").read_text("utf-8")
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("rig.yaml").write_text(RIG)
+    return tmp_path
+
+
+def test_check_home_bench_identify_replay_and_drive_follow_each_other(rig, capsys):
+    assert main(["check", "rig.yaml"]) == 0 and "(not homed)" in capsys.readouterr().out
+    assert main(["bench", "rig.yaml", "--out", "a.jsonl"]) == 2 and "rj rig home rig.yaml" in capsys.readouterr().err
+    assert not Path("a.jsonl").exists()
+    assert main(["home", "rig.yaml"]) == 0
+    calibration = json.loads(Path("rig.calibration.json").read_text())
+    np.testing.assert_allclose(calibration["zero_mm"], [89.8, 99.7], atol=0.1)
+    assert main(["bench", "rig.yaml", "--steps", "250", "--out", "bench.jsonl"]) == 0
+    recording = read_recording("bench.jsonl")
+    assert recording.steps == 251 and np.ptp(recording.runs[0].motors, axis=0).min() > 6 and recording.sees_tip
+    assert rj(["identify", "bench.jsonl", "--parameters", "play,sheath,stiffness,offsets", "--output", "found"]) == 0
+    found = yaml.safe_load(Path("found/identified.yaml").read_text())["parameters"]
+    assert found["play[0]"]["value"] == pytest.approx(3.94, abs=0.4)
+    assert found["sheath[1]"]["value"] == pytest.approx(0.73, abs=0.15)
+    assert found["stiffness[0]"]["value"] == pytest.approx(0.73, abs=0.15)
+    capsys.readouterr()
+    remaining = []
+    for words in ([], ["--identified", "found"]):
+        assert main(["replay", "bench.jsonl", *words]) == 0
+        remaining.append(float(re.search(r"tension: rms ([\d.]+)", capsys.readouterr().out)[1]))
+    assert remaining[1] < 0.3 * remaining[0]
+    Path("rig.yaml").write_text(RIG + "identified: found\n")
+    np.testing.assert_allclose(load_rig("rig.yaml").offsets, [found[f"offsets[{j}]"]["value"] for j in (0, 1)])
+    assert main(["drive", "rig.yaml", "--target", "-20", "70", "--out", "drive.jsonl"]) == 0
+    assert "tip error" in capsys.readouterr().out
+    assert read_recording("drive.jsonl").header["policy"] == "instrument"
+
+
+def test_a_wrong_sign_is_found_before_anything_is_kept(rig, monkeypatch, capsys):
+    from agents.rig.simulated import bus
+
+    made = bus.SimulatedBus.__init__
+
+    def other(self, plant, clock, radius, signs, seed=1):
+        made(self, plant, clock, radius, (1, 1), seed)
+
+    monkeypatch.setattr(bus.SimulatedBus, "__init__", other)
+    assert main(["home", "rig.yaml"]) == 2
+    assert "the other sign for the motors [2]" in capsys.readouterr().err
+    assert not Path("rig.calibration.json").exists()
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_on_for_a_recorded_rig(rig, capsys):
+    assert main(["home", "rig.yaml"]) == 0 and main(["bench", "rig.yaml", "--steps", "60", "--out", "bench.jsonl"]) == 0
+    words = ["--recording", "bench.jsonl", "--controller", "instrument", "--updates", "1"]
+    assert adapt.main(words) == 2 and "--policies" in capsys.readouterr().err
+    assert adapt.main([*words, "--policies", "adapted"]) == 0
+    policy = load_policy("adapted/instrument_rig.safetensors")
+    assert policy.env_id == "rj_gym/Instrument-v1" and policy.sha256 != load_policy("instrument").sha256
+    assert Path("adapted/identified.yaml").is_file() and "play[0]" in capsys.readouterr().out
+    assert adapt.main([*words[:2], "--controller", "probing bank", "--policies", "x"]) == 2
+    assert "a policy" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (RIG + "rat: 20\n", "Did you mean 'rate'?"),
+        ("mechanism: five_link\nmotors: {radius_mm: 10}\n", "'port'"),
+        (RIG + "guard: {high: 50}\n", "low < high < stop"),
+        (RIG + "offsets: [1]\n", "2 numbers"),
+        (RIG.replace("[1, -1]", "[1, 1, 1]"), "2 numbers"),
+        (RIG + "identified: nowhere\n", "nowhere"),
+    ],
+)
+def test_a_wrong_file_of_a_rig_is_one_line(rig, capsys, text, said):
+    Path("rig.yaml").write_text(text)
+    assert main(["check", "rig.yaml"]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    with pytest.raises(ConfigError):
+        load_rig("rig.yaml")
+
+
+def test_the_page_has_a_file_that_can_be_read_and_the_commands_that_there_are(rig):
+    content = re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1]
+    Path("page.yaml").write_text(content)
+    assert load_rig("page.yaml").guard.stop == 40.0 and set(yaml.safe_load(content)) <= set(KEYS)
+    lines = re.findall(r'^\{"(?:format|t).*', PAGE, re.MULTILINE)
+    Path("page.jsonl").write_text("\n".join(lines) + "\n")
+    assert read_recording("page.jsonl").steps == 2
+    for command in re.findall(r"^rj rig (\w+)", PAGE, re.MULTILINE):
+        with pytest.raises(SystemExit) as ended:
+            main([command, "--help"])
+        assert ended.value.code == 0
