@@ -3,6 +3,8 @@
 Other distributions, and folders of users, are called agents; there is no other rj_agents. The wheel holds the files of
 agents with this name in their imports, commands and messages. An editable install knows the same files by both names.
 The page of an index is README.md with links that lead somewhere. pyproject.toml has all else.
+
+Where .ci/platform_wheel.py has put compiled kernels beside the sources, the wheel is one of this Python and platform.
 """
 
 import re
@@ -11,6 +13,7 @@ import tomllib
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 from setuptools.command.editable_wheel import editable_wheel
 
@@ -39,6 +42,15 @@ class BuildRenamed(build_py):
                 target = Path(self.build_lib) / INSTALLED / file
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, target)
+
+
+class PlatformWheel(bdist_wheel):
+    """A wheel with machine code in it."""
+
+    def finalize_options(self) -> None:
+        """Name the interpreter and the platform."""
+        super().finalize_options()
+        self.root_is_pure = False
 
 
 class InstallBothNames(editable_wheel):
@@ -78,7 +90,8 @@ def main() -> None:
             *(f"{INSTALLED}{package.removeprefix(HERE)}" for package in CONTROLLERS),
         ],
         package_dir={INSTALLED: HERE},
-        cmdclass={"build_py": BuildRenamed, "editable_wheel": InstallBothNames},
+        cmdclass={"build_py": BuildRenamed, "editable_wheel": InstallBothNames}
+        | ({"bdist_wheel": PlatformWheel} if Path("rollingjoint/machine_code").is_dir() else {}),
     )
 
 

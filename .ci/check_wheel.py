@@ -67,9 +67,9 @@ class Installation:
         self.programs = folder / "venv" / ("Scripts" if os.name == "nt" else "bin")
         self.before = self._bytes()
 
-    def run(self, program: str, *arguments: str, fails: bool = False) -> str:
+    def run(self, program: str, *arguments: str, fails: bool = False, **variables: str) -> str:
         """What a program of the environment printed; raises SystemExit where it ends otherwise than expected."""
-        environ = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        environ = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")} | variables
         command = [str(self.programs / program), *arguments]
         done = subprocess.run(command, cwd=self.empty, env=environ, capture_output=True, text=True)
         if bool(done.returncode) is not fails:
@@ -89,8 +89,8 @@ class Installation:
         return sum(path.stat().st_size for path in files if "__pycache__" not in path.parts)
 
 
-def build(folder: Path, tools: Installation) -> Path:
-    """The wheel, built in a folder from a copy of the sources."""
+def build(folder: Path, tools: Installation, kernels: Path | None = None) -> Path:
+    """The wheel, built in a folder from a copy of the sources; with compiled kernels, one of this platform."""
     source = folder / "source"
     source.mkdir()
     for path in map(ROOT.joinpath, SOURCES):
@@ -98,6 +98,8 @@ def build(folder: Path, tools: Installation) -> Path:
             shutil.copytree(path, source / path.name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(path, source)
+    if kernels is not None:
+        shutil.copytree(kernels, source / "rollingjoint/machine_code")
     options = ("-q", "--no-deps", "--no-build-isolation", "-w", str(folder))
     tools.run("python", "-m", "pip", "wheel", *options, str(source))
     return next(folder.glob("*.whl"))

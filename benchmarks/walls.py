@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 
 import rollingjoint as rj
 from rollingjoint._numba.layout import Integers
-from rollingjoint.chain.batch import _on_batch, range_among_walls, step_range_among_walls
+from rollingjoint.chain.batch import _on_batch, step_range_among_walls
 from rollingjoint.chain.friction_step import no_friction
 from rollingjoint.chain.wall_step import new_wall_arrays, touch
 from rollingjoint.kernels.arrays import INDETERMINATE, TendonLaw
 from rollingjoint.kernels.batch import solve_lanes
 from rollingjoint.kernels.friction import new_friction_arrays
 from rollingjoint.kernels.wall_contacts import Touched
+from rollingjoint.kernels.walled_solve import WallArrays, solve_among_walls
 from rollingjoint.statics.among import stacked_walls
 
 Array = NDArray[np.float64]
@@ -116,13 +117,14 @@ def _solve(batch: Any, around: Any, with_memory: bool) -> float:
         begin = time.process_time()
         kernel(*batch, kind)
         return time.process_time() - begin
-    law, history = no_friction(batch.starts, batch.laws.low.shape[1])
-    friction = new_friction_arrays(law, history)
-    begin = time.process_time()
     if with_memory:
+        friction = new_friction_arrays(*no_friction(batch.starts, batch.laws.low.shape[1]))
+        begin = time.process_time()
         step_range_among_walls(batch, friction, around, 0, rows)
-    else:
-        range_among_walls(batch, around, 0, rows)
+        return time.process_time() - begin
+    general, every = _on_batch(solve_among_walls, type(batch), WallArrays, _LEFT), np.arange(rows)
+    begin = time.process_time()
+    general(*batch, around, every)
     return time.process_time() - begin
 
 
@@ -165,10 +167,10 @@ def print_single(repeats: int) -> None:
     commands = rest + np.clip(np.cumsum(rng.uniform(-0.5, 0.5, (1000, chain.n_tendons)), axis=0), -4.0, 4.0)
     best = {}
     for _, around in itertools.product(range(repeats), (None, three)):
-        pose, begin = None, time.perf_counter()
+        pose, begin = None, time.process_time()
         for command in commands:
             pose = rj.solve_lengths(chain, command, start=pose, tension_limits=(0.5, 15.0), surroundings=around)
-        seconds = (time.perf_counter() - begin) / len(commands)
+        seconds = (time.process_time() - begin) / len(commands)
         best[around is None] = min(best.get(around is None, np.inf), seconds)
     free, among = 1e6 * best[True], 1e6 * best[False]
     print(f"public solve: {free:.1f} µs, with three walls {among:.1f} µs, {among / free:.2f} times")

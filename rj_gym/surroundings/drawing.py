@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.surroundings.config import FAMILIES, HiddenWallConfig, LumenConfig, ObstaclesConfig
-from rj_gym.surroundings.scenes import Scene, centre_points
+from rj_gym.surroundings.scenes import DrawnScene, centre_points
 from rollingjoint import solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput
@@ -36,7 +36,7 @@ NO_LINE = np.zeros((0, 2))
 
 def lumen_scene(
     config: LumenConfig, tip: float, rng: Rng, lumen: Lumen | None = None, depth: float | None = None
-) -> Scene:
+) -> DrawnScene:
     """A lumen around an instrument whose tip is at the height `tip` at rest, and a target in it.
 
     Args:
@@ -76,7 +76,7 @@ def lumen_scene(
         allowed = f"a lumen wider than the sleeve, a depth up to {config.depth[1] + AHEAD[-1]:g} mm"
         raise InvalidInput("options", (lumen.radius(begin), depth), allowed)
     values |= {"radius": float(lumen.radius(begin)), "stiffness": lumen.stiffness, "mu": mu, "depth": depth}
-    return Scene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
+    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
 
 
 class DrawnTask(Protocol):
@@ -96,7 +96,7 @@ class DrawnTask(Protocol):
         """The equilibria at the start."""
 
 
-def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
+def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[DrawnScene]:
     """Targets behind discs, found by a search: a disc is before each, and one way of the commands leads there.
 
     It goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
@@ -104,7 +104,7 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
     config: ObstaclesConfig = task.config
     if fixed:
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
-    scenes: list[Scene | None] = [None] * len(rngs)
+    scenes: list[DrawnScene | None] = [None] * len(rngs)
     vias = np.array([_pulls(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
     out, _ = _free_way(task, [vias])
     for _ in range(_MOST_DRAWS):
@@ -117,7 +117,7 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
         ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
         back, _ = _free_way(task, [ends], np.tile(vias, (len(tried), 1)))
         back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
-        found: list[tuple[int, Scene]] = []
+        found: list[tuple[int, DrawnScene]] = []
         for row, lane in enumerate(tried):
             far = np.hypot(*(straight[-1, row, -1, :2] - straight[0, row, -1, :2])) >= config.reach_mm
             legs = np.abs(vias - task.rest).max(1) + np.abs(goals[row] - vias).max(1)
@@ -135,12 +135,14 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
     raise InvalidInput("obstacles", "none drawn", "targets behind discs", "Take fewer or smaller discs.")
 
 
-def _scene_of_discs(config: ObstaclesConfig, discs: Sequence[Disc], target: Array, goal: Array, via: Array) -> Scene:
+def _scene_of_discs(
+    config: ObstaclesConfig, discs: Sequence[Disc], target: Array, goal: Array, via: Array
+) -> DrawnScene:
     values = {"stiffness": discs[0].stiffness, "mu": config.mu, "goal": goal, "via": via}
-    return Scene(discs, config.mu, target, NO_LINE, 0.0, values)
+    return DrawnScene(discs, config.mu, target, NO_LINE, 0.0, values)
 
 
-def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
+def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[DrawnScene]:
     """Half planes across the way of a straight change of the commands; the target is where the tip presses on that way.
 
     Of a "touch" with the force of the settings; of a "reach" with a drawn one, at most 0.8 of the limit.
@@ -148,7 +150,7 @@ def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, A
     config: HiddenWallConfig = task.config
     if fixed:
         return [_scene_of_a_wall(config, fixed["wall"], fixed["target"], task.rest) for _ in rngs]
-    scenes: list[Scene | None] = [None] * len(rngs)
+    scenes: list[DrawnScene | None] = [None] * len(rngs)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
@@ -169,9 +171,9 @@ def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, A
     raise InvalidInput("wall", "none drawn", "a wall that the tip can press on", "Take a smaller force.")
 
 
-def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, goal: Array) -> Scene:
+def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, goal: Array) -> DrawnScene:
     values = {"normal": np.array(wall.normal), "offset": wall.offset, "stiffness": wall.stiffness}
-    return Scene((wall,), config.mu, target, NO_LINE, 0.0, values | {"mu": config.mu, "goal": goal})
+    return DrawnScene((wall,), config.mu, target, NO_LINE, 0.0, values | {"mu": config.mu, "goal": goal})
 
 
 _WAY = 12  # steps of a change of the commands without walls
@@ -257,7 +259,7 @@ def _room(axes: Axes, disc: Disc) -> Array:
     return room
 
 
-def _reached(task: DrawnTask, scenes: Sequence[Scene]) -> list[bool]:
+def _reached(task: DrawnTask, scenes: Sequence[DrawnScene]) -> list[bool]:
     """Whether targets are reached by way of other commands, in steps of an episode, touching with 1 N at most."""
     if not scenes:
         return []

@@ -18,7 +18,7 @@ from rj_gym.surroundings.config import HiddenWallConfig, LumenConfig, ObstaclesC
 from rj_gym.surroundings.drawing import lumen_scene, scenes_among_discs, scenes_at_a_wall
 from rj_gym.surroundings.observation import noisy_entries, surroundings_observation_entries
 from rj_gym.surroundings.options import MOST_PIECES, lumen_options, obstacles_options, wall_options
-from rj_gym.surroundings.scenes import SPACING, Scene, Scenes, along, padded, places
+from rj_gym.surroundings.scenes import SPACING, DrawnScene, Scenes, along, padded, places
 from rollingjoint import Disc, HalfPlane, Lumen, Sleeve, Surroundings, solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
@@ -227,7 +227,7 @@ class SurroundingsTask(Task):
         return bool(self.config.mu)
 
     @abstractmethod
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         """A scene per generator."""
 
     @abstractmethod
@@ -270,7 +270,7 @@ class LumenTask(SurroundingsTask):
     def _rubs(self, walls: Any) -> bool:
         return self.config.family_mu(self.config.families[0]) > 0.0
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         tip = float(self.mechanism.poses(self.mechanism.neutral_angles)[-1, 1])
         return [lumen_scene(self.config, tip, rng, **fixed) for rng in rngs]
 
@@ -287,7 +287,7 @@ class ObstaclesTask(SurroundingsTask):
         """The values that the options of a reset fix; raises InvalidInput for unusable ones."""
         return obstacles_options(options, self.config.discs)
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         return scenes_among_discs(self, rngs, fixed)
 
     def _sample_walls(self) -> Sequence[Any]:
@@ -316,7 +316,7 @@ class HiddenWallTask(SurroundingsTask):
             good &= np.abs(force - self.config.touch_force) <= self.config.force_margin
         return good
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         return scenes_at_a_wall(self, rngs, fixed)
 
     def _sample_walls(self) -> Sequence[Any]:

@@ -8,6 +8,7 @@ Modules:
     layout: NamedTuples of arrays, as their annotations declare them.
     parts: functions that are optimised inside the kernels that call them.
     pins: NamedTuples of arrays by one address; memory carved into them.
+    shipped: compiled kernels that the package brings.
     simd: eight numbers side by side.
     views: other views of borrowed memory.
 """

@@ -28,6 +28,7 @@ from numba.core.runtime import rtsys  # type: ignore[attr-defined]
 
 from rollingjoint._numba.bounds import CHECKED
 from rollingjoint._numba.layout import is_layout
+from rollingjoint._numba.shipped import shipped
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -193,17 +194,27 @@ class _KernelCache(caching.FunctionCache):
         self._title = title
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Compiled code from disk, or None when there is none that can be read.
+        """Compiled code from disk, the user's or the package's, or None when there is none that can be read.
 
         numba would first import everything that compiling may need, which takes longer than the rest of the start.
         """
         rtsys.initialize(target_context)
-        with contextlib.suppress(*_UNREADABLE):
-            if (compiled := self._load_overload(sig, target_context)) is not None:
-                return compiled
+        for load in (self._load_overload, self._load_shipped):
+            with contextlib.suppress(*_UNREADABLE):
+                if (compiled := load(sig, target_context)) is not None:
+                    return compiled
         if not _may_compile:
             raise NotCompiled(self._title)
         _announce(self._title)
+        return None
+
+    def _load_shipped(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code that the package brings for processors like this one, or None."""
+        stamp = self._impl.locator.get_source_stamp()
+        for kernels in shipped():
+            file = caching.IndexDataCacheFile(str(kernels.folder), self._impl.filename_base, stamp)
+            if (data := file.load(self._index_key(sig, kernels))) is not None:
+                return self._impl.rebuild(target_context, data)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -23,7 +23,7 @@ _T = TypeVar("_T")
 _SEARCHED = 101  # angles of a joint that a search for the shortest path tries
 
 
-class Spares(dict[tuple[type[Any], int], list[Any]]):
+class Spares(dict[tuple[Any, ...], list[Any]]):
     """Memory that is kept for the next use; copies and pickles of it are empty, since kernels know where it lies."""
 
     def __reduce__(self) -> tuple[type[Spares], tuple[()]]:

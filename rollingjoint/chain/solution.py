@@ -15,12 +15,13 @@ from rollingjoint.chain.chain import read_only
 from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, no_friction, virgin_state
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import STATUSES, Status, codes_of
-from rollingjoint.chain.wall_step import WallStep
+from rollingjoint.chain.wall_step import WALL_OUTPUTS, WallStep
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.batch import stiffness_of
 from rollingjoint.kernels.friction import History
 from rollingjoint.kernels.rubbed import rubbed_stiffness_of
+from rollingjoint.kernels.walls import Walls
 from rollingjoint.load import check_table
 from rollingjoint.tables import Column
 
@@ -82,6 +83,21 @@ class _LazyField:
         array = np.ndarray(shape, float, memory, first)
         values[self.field] = array if self.columns is None else array[..., self.columns]
         return values[self.field]
+
+
+class _LazyWalls:
+    """The field `walls`, likewise."""
+
+    def __get__(self, solution: Any, owner: type) -> Any:
+        if solution is None:
+            return None
+        values = solution.__dict__
+        if "_around" not in values:
+            return None
+        (walls, jumped), (_, memory, places) = values["_around"], values["_outputs"]
+        arrays = (np.ndarray(places[name][0], float, memory, places[name][1]) for name in WALL_OUTPUTS)
+        values["walls"] = WallStep(walls, 0, *arrays, 0.0, jumped)
+        return values["walls"]
 
 
 def lazy_fields(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
@@ -187,11 +203,11 @@ class Solution(ABC):
         iterations: int,
         status: int,
         number: int | None = None,
-        walls: WallStep | None = None,
+        around: tuple[Walls, bool] | None = None,
     ) -> Self:
         """One equilibrium, its arrays made from its outputs at their first use.
 
-        number: value of the field that the class adds.
+        number: value of the field that the class adds. around: walls around the mechanism, and whether it jumped.
         """
         values = {
             "mechanism": mechanism,
@@ -201,9 +217,12 @@ class Solution(ABC):
             "iterations": iterations,
             "status": STATUSES[status],
             "friction": None,
-            "walls": walls,
             "_outputs": outputs,
         }
+        if around is None:
+            values["walls"] = None
+        else:
+            values["_around"] = around
         if number is not None:
             values[cls._NUMBER] = number
         return cls.filled(values)
@@ -218,8 +237,7 @@ class Solution(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """All fields, arrays of the outputs included."""
         state = vars(self) | {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        state.pop("_outputs", None)
-        return state
+        return {name: value for name, value in state.items() if name not in ("_outputs", "_around")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the fields, arrays read-only: unpickled ones are writable."""
@@ -227,6 +245,14 @@ class Solution(ABC):
             if isinstance(value, np.ndarray):
                 read_only(value)
         vars(self).update(state)
+
+    @property
+    def base_among_walls(self) -> Array | None:
+        """(3,) pose of the base among walls, x, y [mm], angle [rad]; None without surroundings."""
+        if "_around" not in self.__dict__ or "walls" in self.__dict__:
+            return None if self.walls is None else self.walls.base
+        _, memory, places = self.__dict__["_outputs"]  # its walls have not been asked for yet
+        return np.ndarray(places["wall_base"][0], float, memory, places["wall_base"][1])
 
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
@@ -537,3 +563,6 @@ class Solution(ABC):
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""
         return np.array(values, float, order="C").reshape(self._codes.size, *values.shape[values.ndim - axes :])
+
+
+Solution.walls = _LazyWalls()  # type: ignore[assignment]

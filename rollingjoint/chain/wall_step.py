@@ -13,7 +13,6 @@ from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.chain.friction_step import check_shape
 from rollingjoint.kernels.friction import FrictionLaw, History
-from rollingjoint.kernels.passing import mark_passed
 from rollingjoint.kernels.wall_contacts import N_PLACE, Touched, contact_sizes
 from rollingjoint.kernels.walled_solve import WallArrays, touch_again, walled_stiffness_of
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
@@ -196,19 +195,6 @@ def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArr
     return places
 
 
-def passed_through(
-    walls: Walls, which: NDArray[np.int64], before: tuple[Array, Array], now: tuple[Array, Array]
-) -> NDArray[np.bool_]:
-    """True for every step whose chain has passed through a disc or a capsule, (B,).
-
-    before, now: poses of the links in the base frame, (B, n, 3), and of the base, (B, 3), before and after the step.
-    """
-    passed = np.zeros(len(which), np.int64)
-    mark = machine_code(mark_passed, Walls, _INTEGERS, _CUBE, _MATRIX, _CUBE, _MATRIX, _INTEGERS)
-    mark(walls, which, *map(np.ascontiguousarray, (*before, *now)), passed)
-    return passed > 0
-
-
 def n_candidates(walls: Walls) -> int:
     """Number of the pairs that may touch."""
     count: int = contact_sizes.py_func(walls, 0).C
@@ -231,13 +217,39 @@ def candidate_table(walls: Walls, which: int) -> tuple[NDArray[np.int64], Array]
     return np.array(rows, np.int64).reshape(-1, 3), np.array(mu)
 
 
+WALL_OUTPUTS = ("wall_base", "wall_gaps", "wall_normals", "wall_states", "wall_forces")
+"""Names of the outputs of one equilibrium of which a WallStep is made."""
+
+
+def wall_outputs(arrays: WallArrays) -> tuple[Array, ...]:
+    """The arrays of WALL_OUTPUTS."""
+    return arrays.bases, arrays.gaps, arrays.after.normals, arrays.after.states, arrays.forces
+
+
+def with_outputs(arrays: WallArrays, outputs: Sequence[Array]) -> WallArrays:
+    """The arrays with others in place of WALL_OUTPUTS."""
+    bases, gaps, normals, states, forces = outputs
+    after = arrays.after._replace(normals=normals, states=states)
+    return arrays._replace(bases=bases, gaps=gaps, after=after, forces=forces)
+
+
 def new_wall_arrays(
-    walls: Walls, which: NDArray[np.int64], bases: Array, n_joints: int, before: Touched | None = None
+    walls: Walls,
+    which: NDArray[np.int64],
+    bases: Array,
+    n_joints: int,
+    before: Touched | None = None,
+    at: tuple[Array, Array] | None = None,
 ) -> WallArrays:
-    """Walls of B lanes with empty outputs."""
+    """Walls of B lanes with empty outputs.
+
+    at: the equilibria before the steps, poses of the links in the base frame, (B, n, 3), and of the base, (B, 3); NaN
+    where there is none. Steps that pass through a wall on the way from there end as PASSED_THROUGH; None: none does.
+    """
     count, candidates = len(which), n_candidates(walls)
     every = np.zeros((9, count, candidates))
     before = before or Touched(*every[:4])
     forces, work = np.zeros((count, n_joints + 1, 3)), np.zeros(count)
     counts = np.zeros((2, count), np.int64)
-    return WallArrays(walls, which, bases, before, Touched(*every[4:8]), every[8], forces, work, *counts)
+    at = at or (np.zeros((0, n_joints + 1, 3)), np.zeros((0, 3)))
+    return WallArrays(walls, which, bases, *at, before, Touched(*every[4:8]), every[8], forces, work, *counts)

@@ -13,6 +13,7 @@ import math
 
 from rollingjoint._numba.jit import part
 
+BLEND = 0.005  # mm on either side of a joint of a wall, where the rate of the way goes from one to the other
 _AT_THE_AXIS = 1e-12  # mm: nearer to the axis of a capsule the direction to it is a normal
 
 
@@ -52,26 +53,42 @@ def way_around(nearest, ux, uy, length, on_outline, other):
     """Field of the way of the contact between a capsule and a disc, as seen from the capsule.
 
     It is the arc length along the capsule of radius `on_outline`, counter-clockwise from its right side, and the turn
-    of the normal on a disc of radius `other`.
+    of the normal on a disc of radius `other`. Its rate jumps where a side meets an end, unless the walls do not give
+    way, and is blended there (`blend`).
     """
     distance, nx, ny, along, end = nearest
+    both, (share, fall) = other + on_outline, blend(along if along < 0.5 * length else along - length)
+    more = both / distance - 1.0
     if end == 0:
         right = nx * uy - ny * ux > 0.0
-        if right:
-            return along, ux, uy, 0.0, 0.0, 0.0
-        return math.pi * (other + on_outline) + 2.0 * length - along, -ux, -uy, 0.0, 0.0, 0.0
-    turn, both = turn_from_right(nx, ny, ux, uy), other + on_outline
+        sense = 1.0 if right else -1.0
+        rate, k = sense * (1.0 + share * more), sense * fall * more
+        value = along if right else math.pi * both + 2.0 * length - along
+        return value, rate * ux, rate * uy, k * ux * ux, k * ux * uy, k * uy * uy
+    turn = turn_from_right(nx, ny, ux, uy)
     before = length if end == 1 else (2.0 * length if turn > 0.5 * math.pi else 0.0)
     jx, jy, per = -ny, nx, both / distance
-    second = -per / distance
+    second, rate, k = -per / distance, per - share * more, -fall * more
     return (
         both * turn + before,
-        per * jx,
-        per * jy,
-        second * 2.0 * nx * jx,
-        second * (nx * jy + ny * jx),
-        second * 2.0 * ny * jy,
+        rate * jx,
+        rate * jy,
+        second * 2.0 * nx * jx + k * ux * jx,
+        second * (nx * jy + ny * jx) + 0.5 * k * (ux * jy + uy * jx),
+        second * 2.0 * ny * jy + k * uy * jy,
     )
+
+
+@part(inline=True)
+def blend(along):
+    """(share of the rate on the other side of a joint of a wall, its rate by the way) at a way from the joint.
+
+    The rate of the way along a wall that gives way jumps with the curvature of the wall, and friction with it: near a
+    joint it goes from one to the other, or a pose there could have no balance.
+    """
+    if abs(along) >= BLEND:
+        return 0.0, 0.0
+    return 0.5 * (1.0 - abs(along) / BLEND), -0.5 / BLEND * (1.0 if along >= 0.0 else -1.0)
 
 
 @part(inline=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.gaps import BLEND, blend
 from rollingjoint.kernels.seen_walls import (
     ARC,
     CURVATURE,
@@ -23,8 +24,6 @@ from rollingjoint.kernels.seen_walls import (
     TURNED_MEAN,
 )
 
-_BLEND = 0.005  # mm on either side of the joint of two pieces of a lumen
-
 
 @part(inline=True)
 def _in_the_bend(u, v, curvature):
@@ -32,6 +31,8 @@ def _in_the_bend(u, v, curvature):
 
     Returns (offset d from the centre line to its left, q = 1 - curvature d, cos and sin of the turn to that point).
     """
+    if curvature == 0.0:
+        return v, 1.0, 1.0, 0.0
     along, across = curvature * u, 1.0 - curvature * v
     q = math.sqrt(along * along + across * across)
     offset = (2.0 * v - curvature * (u * u + v * v)) / (1.0 + q)
@@ -39,9 +40,9 @@ def _in_the_bend(u, v, curvature):
 
 
 @part(inline=True)
-def _arc_length_at(u, v, cos, sin, curvature):
+def _arc_length_at(u, offset, cos, sin, curvature):
     """Arc length of the nearest point of a piece from its start; of a straight one with its rate by the curvature."""
-    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * v)
+    return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * offset)
 
 
 @part(inline=True)
@@ -135,39 +136,50 @@ def _from_start(seen, first, last, i, x, y):
     return u, v, tx, ty, i == first and not beyond and u < 0.0, beyond
 
 
+@part(inline=True)
+def point_in_lumen(seen, w, i, x, y):
+    """A point in a lumen, at a piece of it, for `lumen_room` and `lumen_fields`.
+
+    Returns (u along the tangent at the start of the piece, offset to the left, q, cos and sin of the turn to it, that
+    tangent, whether the point is before, beyond the lumen).
+    """
+    u, v, tx, ty, before, after = _from_start(seen, int(seen.lumens[w, 0]), int(seen.lumens[w, 1]), i, x, y)
+    offset, q, cos, sin = _in_the_bend(u, v, 0.0 if before or after else seen.pieces[i, CURVATURE])
+    return u, offset, q, cos, sin, tx, ty, before, after
+
+
 @part
-def lumen_fields(seen, w, i, x, y, radius, rubs):
+def lumen_fields(seen, w, i, point, radius, rubs):
     """(gap, way, side): the fields of a point in a lumen, at a piece of it, and the wall that it is nearer to.
 
-    rubs: whether the way is wanted.
+    point: of `point_in_lumen`. rubs: whether the way is wanted.
     """
     piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
-    u, v, tx, ty, before, after = _from_start(seen, first, last, i, x, y)
+    u, offset, q, cos, sin, tx, ty, before, after = point
     curvature, slope, wall_radius = piece[CURVATURE], piece[SLOPE], piece[RADIUS]
     if before or after:  # both ends go on straight
         wall_radius = piece[RADIUS] + piece[SLOPE] * piece[LENGTH] if after else piece[RADIUS]
         curvature = slope = 0.0
-    offset, q, cos, sin = _in_the_bend(u, v, curvature)
-    arc = _arc_length_at(u, v, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
+    arc = _arc_length_at(u, offset, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
     tx, ty = tx * cos - ty * sin, ty * cos + tx * sin
     side = 1.0 if offset > 0.0 else -1.0
+    gap = _lumen_gap(side, wall_radius + slope * arc, slope, curvature, offset, q, tx, ty)
+    if not rubs:
+        return gap, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), side
     turn = piece[TURNED] + (piece[CURVATURE] * piece[LENGTH] if after else 0.0)
     turn_mean = piece[TURNED_MEAN] + (piece[CURVATURE] * piece[LENGTH] * piece[MEAN] if after else 0.0)
     start = piece[ARC] - seen.pieces[first, ARC] + (piece[LENGTH] if after else 0.0)
     scale = 1.0 - curvature * side * (piece[MEAN] - radius)
     way = start - side * (turn_mean - radius * turn) + scale * arc
-    gap = _lumen_gap(side, wall_radius + slope * arc, slope, curvature, offset, q, tx, ty)
     field = _lumen_way(side, way, scale, curvature, q, tx, ty)
-    if not rubs:
-        return gap, field, side
     other, along = _joint_near(i, first, last, u if after else arc, piece[LENGTH], before or after)
-    if abs(along) >= _BLEND:
+    if abs(along) >= BLEND:
         return gap, field, side
     turn = seen.pieces[max(other, 0), CURVATURE] if other >= 0 else 0.0
     mean = seen.pieces[max(other, 0), MEAN]
     more = (1.0 - turn * side * (mean - radius)) / (1.0 - turn * offset) - scale / q
-    share, rate = 0.5 * (1.0 - abs(along) / _BLEND), -0.5 / (_BLEND * q) * (1.0 if along >= 0.0 else -1.0)
-    per, k = -side * more * share, -side * more * rate
+    share, fall = blend(along)
+    per, k = -side * more * share, -side * more * fall / q
     _, fx, fy, xx, xy, yy = field
     return gap, (field[0], fx + per * tx, fy + per * ty, xx + k * tx * tx, xy + k * tx * ty, yy + k * ty * ty), side
 
@@ -176,8 +188,6 @@ def lumen_fields(seen, w, i, x, y, radius, rubs):
 def _joint_near(i, first, last, arc, length, straight):
     """(piece on the other side of the nearer end of piece i, or -1 for a straight end, arc length from there).
 
-    The rate of the way along a wall that gives way jumps with the curvature of its pieces, and friction with it: near
-    the joint of two pieces it goes from one to the other, or a pose at the joint could have no balance.
     straight: whether the point is on a straight end.
     """
     if straight:
@@ -188,10 +198,6 @@ def _joint_near(i, first, last, arc, length, straight):
 
 
 @part(inline=True)
-def lumen_room(seen, w, i, x, y):
+def lumen_room(piece, point):
     """A lower bound of the distance of a point from the walls of a lumen, at a piece of it, without its arc length."""
-    piece, first, last = seen.pieces[i], int(seen.lumens[w, 0]), int(seen.lumens[w, 1])
-    u, v, _, _, before, after = _from_start(seen, first, last, i, x, y)
-    offset, _, _, _ = _in_the_bend(u, v, 0.0 if before or after else piece[CURVATURE])
-    narrowest = min(piece[RADIUS], piece[RADIUS] + piece[SLOPE] * piece[LENGTH])
-    return narrowest - abs(offset)
+    return min(piece[RADIUS], piece[RADIUS] + piece[SLOPE] * piece[LENGTH]) - abs(point[1])

@@ -20,7 +20,7 @@ class Seen(NamedTuple):
     """Walls as seen from the base, and the outline."""
 
     points: Annotated[Floats, "points", 5]
-    bars: Annotated[Floats, "bars", 6]
+    bars: Annotated[Floats, "bars", 8]  # as Walls.bars, length and 1 / length
     planes: Annotated[Floats, "planes", 4 + N_LAW]  # as Walls.planes, and the place of the base along it before the law
     discs: Annotated[Floats, "discs", 3 + N_LAW]
     capsules: Annotated[Floats, "capsules", 6 + N_LAW]  # first end, unit along it, length, radius; law
@@ -48,6 +48,9 @@ def see(walls, which, base, seen):
     for q in range(seen.bars.shape[0]):
         for column in range(6):
             seen.bars[q, column] = walls.bars[which, q, column]
+        x, y = seen.bars[q, 3] - seen.bars[q, 1], seen.bars[q, 4] - seen.bars[q, 2]
+        seen.bars[q, 6] = np.sqrt(x * x + y * y)
+        seen.bars[q, 7] = 1.0 / seen.bars[q, 6] if seen.bars[q, 6] > 0.0 else 0.0
     for w in range(seen.planes.shape[0]):
         nx, ny = walls.planes[which, w, 0], walls.planes[which, w, 1]
         seen.planes[w, 0], seen.planes[w, 1] = _unturned(nx, ny, cos, sin)
@@ -92,18 +95,18 @@ def _see_piece(pieces, i, base, cos, sin, seen):
     if seen.lumens[lumen, 1] == 0.0:
         seen.lumens[lumen, 0] = i
         turned = turned_mean = 0.0
+        tx, ty = np.cos(pieces[i, 2] - base[2]), np.sin(pieces[i, 2] - base[2])
     else:
         before = seen.pieces[i - 1]
+        tx, ty = before[END_TANGENT], before[END_TANGENT + 1]  # a centre line has no corners
         turn = before[CURVATURE] * before[LENGTH]
         turned, turned_mean = before[TURNED] + turn, before[TURNED_MEAN] + turn * before[MEAN]
         if pieces[i, 6] != pieces[i - 1, 7]:
             seen.steepness[lumen] = np.inf
     seen.lumens[lumen, 1] = i + 1
     x, y = _unturned(pieces[i, 0] - base[0], pieces[i, 1] - base[1], cos, sin)
-    angle = pieces[i, 2] - base[2]
-    tx, ty = np.cos(angle), np.sin(angle)
     half = 0.5 * curvature * length
-    c, s = np.cos(half), np.sin(half)
+    c, s = (np.cos(half), np.sin(half)) if half != 0.0 else (1.0, 0.0)
     chord, mx, my = length * (s / half if half != 0.0 else 1.0), tx * c - ty * s, ty * c + tx * s
     piece[START], piece[START + 1], piece[START_TANGENT], piece[START_TANGENT + 1] = x, y, tx, ty
     piece[END], piece[END + 1] = x + chord * mx, y + chord * my

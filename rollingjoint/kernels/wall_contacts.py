@@ -13,13 +13,14 @@ from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.friction import slide, work_per_grip
 from rollingjoint.kernels.gaps import nearest_on_segment, press, round_end, way_around
-from rollingjoint.kernels.lumens import lumen_fields, lumen_room, nearest_piece, piece_near
+from rollingjoint.kernels.lumens import lumen_fields, lumen_room, nearest_piece, piece_near, point_in_lumen
 from rollingjoint.kernels.planar_loads import placed
 from rollingjoint.kernels.rolling import THETA, C, S, X, Y
 from rollingjoint.kernels.seen_walls import Seen
 from rollingjoint.kernels.walls import MU, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
 
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
+_LEFT_OF_ROOM = 0.1  # of the gap of a point that has moved as far as it may before its gap is evaluated again
 
 # Columns of Touch.sums, over the walls of all links beyond a joint: gradient of the energy by the velocity of the link
 # at the origin, point · gradient, and S row by row
@@ -27,8 +28,9 @@ GX, GY, GM, X_DOT_G, SUM_S = range(5)
 N_SUMS = SUM_S + 9
 N_PLACE = 6  # columns of Touch.places
 # Columns of Touch.how: whether there is a history and so friction; factor of the penalty of rigid walls; factor of the
-# presliding; whether places are wanted; steps of Newton's method and evaluations so far; energy, magnitude of its terms
-RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, ENERGY, MAGNITUDE, N_HOW = range(9)
+# presliding; whether places are wanted; steps of Newton's method and evaluations so far; energy, magnitude of its
+# terms; number of contacts that press
+RUBS, STIFFER, SOFTER, PLACES, STEPS, EVALUATIONS, ENERGY, MAGNITUDE, PRESSING, N_HOW = range(10)
 
 
 class Touched(NamedTuple):
@@ -64,6 +66,7 @@ class ContactMemory(NamedTuple):
 
     seen: Seen
     touch: Touch
+    curve: Annotated[Floats, "ends", 3]  # the chain before the step and after it (passing.py)
 
 
 class ContactSizes(NamedTuple):
@@ -78,6 +81,7 @@ class ContactSizes(NamedTuple):
     lumens: int
     J: int
     C: int
+    ends: int
 
 
 @part
@@ -87,20 +91,27 @@ def contact_sizes(walls, n_joints):
     planes, discs, capsules = walls.planes.shape[1], walls.discs.shape[1], walls.capsules.shape[1]
     pieces, lumens = walls.pieces.shape[1], walls.lumens.shape[1]
     candidates = points * (planes + lumens) + bars * (discs + 4 * capsules)
-    return ContactSizes(points, bars, planes, discs, capsules, pieces, lumens, n_joints, candidates)
+    return ContactSizes(points, bars, planes, discs, capsules, pieces, lumens, n_joints, candidates, 2 * (n_joints + 1))
 
 
 @part
 def begin_touch(touch):
-    """Forget the last solve."""
+    """Forget the last solve, but for friction in it (`begin_rubbing`)."""
     for c in range(touch.gaps.size):
-        touch.normals[c] = touch.frozen[c] = touch.multipliers[c] = 0.0
-        touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = 0.0
-        touch.gaps[c], touch.pieces[c], touch.clear[c, 2] = np.inf, -1.0, 0.0
+        touch.normals[c] = touch.multipliers[c] = touch.clear[c, 2] = 0.0
+        touch.gaps[c], touch.pieces[c] = np.inf, -1.0
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
     touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = touch.how[EVALUATIONS] = 0.0
     for i in range(touch.tangent.size):
         touch.tangent[i] = 0.0
+
+
+@part
+def begin_rubbing(touch, rubs):
+    """Forget friction in the last solve; rubs: 1 with friction in this one, else 0. Other solves leave zeros there."""
+    for c in range(touch.gaps.size):
+        touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = touch.frozen[c] = 0.0
+    touch.how[RUBS] = rubs
 
 
 @part(inline=True)
@@ -151,32 +162,45 @@ def _add(chain, c, link, x, y, fixed, gap, way, rolled, side, law):
             touch.places[c, 2 + axis], touch.places[c, 4 + axis] = gap[1 + axis], way[1 + axis]
     if normal <= 0.0:
         return
-    sums, friction = touch.sums[link - 1], mu * normal * z
-    _, gx, gy, gxx, gxy, gyy = gap
-    _, sx, sy, sxx, sxy, syy = way
-    fx, fy = friction * sx - normal * gx, friction * sy - normal * gy
-    kxx, kxy, kyy = friction * sxx - normal * gxx, friction * sxy - normal * gxy, friction * syy - normal * gyy
-    gm, sm = gy * x - gx * y, sy * x - sx * y + rolled
+    touch.how[PRESSING] += 1.0
+    sums, (_, gx, gy, gxx, gxy, gyy) = touch.sums[link - 1], gap
+    gm = gy * x - gx * y
+    fx, fy, fm = -normal * gx, -normal * gy, -normal * gm
+    kxx, kxy, kyy = -normal * gxx, -normal * gxy, -normal * gyy
+    ux, uy, um = rate * gx, rate * gy, rate * gm
+    if mu > 0.0:
+        _, sx, sy, sxx, sxy, syy = way
+        friction, across, slip, sm = mu * normal * z, mu * z * rate, mu * normal * sticking, sy * x - sx * y + rolled
+        fx, fy, fm = fx + friction * sx, fy + friction * sy, fm + friction * sm
+        kxx, kxy, kyy = kxx + friction * sxx, kxy + friction * sxy, kyy + friction * syy
+        ux, uy, um = ux - across * sx, uy - across * sy, um - across * sm
+        vx, vy, vm = slip * sx, slip * sy, slip * sm
+        sums[SUM_S] += vx * sx
+        sums[SUM_S + 1] += vx * sy
+        sums[SUM_S + 2] += vx * sm
+        sums[SUM_S + 3] += vy * sx
+        sums[SUM_S + 4] += vy * sy
+        sums[SUM_S + 5] += vy * sm
+        sums[SUM_S + 6] += vm * sx
+        sums[SUM_S + 7] += vm * sy
+        sums[SUM_S + 8] += vm * sm
     sums[GX] += fx
     sums[GY] += fy
-    sums[GM] += friction * sm - normal * gm
+    sums[GM] += fm
     sums[X_DOT_G] += x * fx + y * fy
     a, b = kxy * x - kxx * y, kyy * x - kxy * y  # K J x
     turning = b * x - a * y
     if fixed:
         a, b, turning = a - fy, b + fx, turning + 2.0 * (fx * x + fy * y)
-    slip, across = mu * normal * sticking, mu * z * rate
-    ux, uy, um = rate * gx - across * sx, rate * gy - across * sy, rate * gm - across * sm
-    vx, vy, vm = slip * sx, slip * sy, slip * sm
-    sums[SUM_S] += kxx + ux * gx + vx * sx
-    sums[SUM_S + 1] += kxy + ux * gy + vx * sy
-    sums[SUM_S + 2] += a + ux * gm + vx * sm
-    sums[SUM_S + 3] += kxy + uy * gx + vy * sx
-    sums[SUM_S + 4] += kyy + uy * gy + vy * sy
-    sums[SUM_S + 5] += b + uy * gm + vy * sm
-    sums[SUM_S + 6] += a + um * gx + vm * sx
-    sums[SUM_S + 7] += b + um * gy + vm * sy
-    sums[SUM_S + 8] += turning + um * gm + vm * sm
+    sums[SUM_S] += kxx + ux * gx
+    sums[SUM_S + 1] += kxy + ux * gy
+    sums[SUM_S + 2] += a + ux * gm
+    sums[SUM_S + 3] += kxy + uy * gx
+    sums[SUM_S + 4] += kyy + uy * gy
+    sums[SUM_S + 5] += b + uy * gm
+    sums[SUM_S + 6] += a + um * gx
+    sums[SUM_S + 7] += b + um * gy
+    sums[SUM_S + 8] += turning + um * gm
 
 
 @part(inline=True)
@@ -190,7 +214,7 @@ def _is_far(touch, c, room):
 
 @part(inline=True)
 def _is_clear(touch, c, x, y):
-    """True for a point still so near to where it was far from the wall that half of its gap there is a lower bound."""
+    """True for a point still so near to where it was far from the wall that some of its gap there is left."""
     dx, dy = x - touch.clear[c, 0], y - touch.clear[c, 1]
     return dx * dx + dy * dy < touch.clear[c, 2]
 
@@ -206,7 +230,7 @@ def touch_walls(chain, state, all_gaps):
     for i in range(touch.sums.shape[0]):
         for column in range(N_SUMS):
             touch.sums[i, column] = 0.0
-    touch.how[ENERGY] = touch.how[MAGNITUDE] = 0.0
+    touch.how[ENERGY] = touch.how[MAGNITUDE] = touch.how[PRESSING] = 0.0
     _touch_bars(chain, state, all_gaps, _touch_points(chain, state, all_gaps))
     return touch.how[ENERGY], touch.how[MAGNITUDE]
 
@@ -240,13 +264,15 @@ def _touch_points(chain, state, all_gaps):
                     i = int(touch.pieces[c - candidates]) if q > 0 else nearest_piece(seen, first, last, x, y)
                 i = piece_near(seen, first, last, max(i, first), x, y)
                 touch.pieces[c] = i
-                room = lumen_room(seen, w, i, x, y) - radius
+                at = point_in_lumen(seen, w, i, x, y)
+                room = lumen_room(seen.pieces[i], at) - radius
                 if not all_gaps and _is_far(touch, c, room):
                     touch.clear[c, 0], touch.clear[c, 1] = x, y
-                    touch.gaps[c], touch.clear[c, 2] = 0.5 * room, (0.5 * room / seen.steepness[w]) ** 2
+                    touch.gaps[c] = _LEFT_OF_ROOM * room
+                    touch.clear[c, 2] = ((1.0 - _LEFT_OF_ROOM) * room / seen.steepness[w]) ** 2
                 else:
                     touch.clear[c, 2] = 0.0
-                    gap, way, side = lumen_fields(seen, w, i, x, y, radius, all_gaps or touch.how[RUBS] > 0.0)
+                    gap, way, side = lumen_fields(seen, w, i, at, radius, all_gaps or touch.how[RUBS] > 0.0)
                     gap = gap[0] - radius, gap[1], gap[2], gap[3], gap[4], gap[5]
                     way = way[0] + rolled, way[1], way[2], way[3], way[4], way[5]
                     _add(chain, c, link, x, y, False, gap, way, radius, side, _law_at(lumen, 2, point))
@@ -264,10 +290,8 @@ def _touch_bars(chain, state, all_gaps, c):
         at = pose[link, X], pose[link, Y], pose[link, C], pose[link, S]
         ax, ay = placed(at[0], at[1], at[2], at[3], bar[1], bar[2])
         bx, by = placed(at[0], at[1], at[2], at[3], bar[3], bar[4])
-        ux, uy = bx - ax, by - ay
-        length = np.sqrt(ux * ux + uy * uy)
-        ux, uy, angle = ux / length, uy / length, pose[link, THETA] + seen.angle[0]
-        axis = ax, ay, ux, uy, length
+        length, per_length, angle = bar[6], bar[7], pose[link, THETA] + seen.angle[0]
+        axis = ax, ay, (bx - ax) * per_length, (by - ay) * per_length, length
         for w in range(seen.discs.shape[0]):
             disc = seen.discs[w]
             if disc[3 + STIFFNESS] > 0.0 and link > 0:

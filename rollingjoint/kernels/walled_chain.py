@@ -26,6 +26,7 @@ from rollingjoint.kernels.wall_contacts import (
     GX,
     GY,
     N_SUMS,
+    PRESSING,
     RUBS,
     SOFTER,
     STEPS,
@@ -55,9 +56,18 @@ class Walled(NamedTuple):
 def evaluate_loads(chain, loads, state):
     """Fill the sums of loads and walls beyond each joint; returns (energy, magnitude of its terms)."""
     energy, magnitude = formulas.evaluate_loads(chain.chain, loads, state)
-    more, size = touch_walls(chain, state, False)
+    more, size = add_walls(chain, state)
+    return energy + more, magnitude + size
+
+
+@part
+def add_walls(chain, state):
+    """Add the forces of the walls to the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
+    energy, magnitude = touch_walls(chain, state, False)
     wall_sums, sums = chain.touch.sums, state.sums
     chain.touch.how[EVALUATIONS] += 1.0
+    if chain.touch.how[PRESSING] == 0.0:  # all sums are zero
+        return energy, magnitude
     n = sums.shape[0]
     for i in range(n - 1, -1, -1):
         if i < n - 1:
@@ -67,11 +77,11 @@ def evaluate_loads(chain, loads, state):
         sums[i, FY] -= wall_sums[i, GY]
         sums[i, TURN] -= wall_sums[i, GM]
         sums[i, X_DOT_F] -= wall_sums[i, X_DOT_G]
-    return energy + more, magnitude + size
+    return energy, magnitude
 
 
 @part(inline=True)
-def _from_the_left(sums, i, x, y):
+def from_the_left(sums, i, x, y):
     """tᵀ S, S of the walls beyond joint i, t = (y, -x, 1): velocity at the origin per turn about (x, y)."""
     return (
         y * sums[i, SUM_S] - x * sums[i, SUM_S + 3] + sums[i, SUM_S + 6],
@@ -94,14 +104,17 @@ def _from_the_right(sums, i, x, y):
 def fill_load_stiffness(chain, state, i, H):
     """Fill H_im and H_mi, m <= i, with the terms of loads and walls beyond joint i."""
     formulas.fill_load_stiffness(chain.chain, state, i, H)
-    contact, sums = state.contact, chain.touch.sums
-    lx, ly, lm = _from_the_left(sums, i, contact[i, 0], contact[i, 1])
-    rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1])
+    contact, sums, rubs = state.contact, chain.touch.sums, chain.touch.how[RUBS] > 0.0
+    if chain.touch.how[PRESSING] == 0.0:
+        return
+    lx, ly, lm = from_the_left(sums, i, contact[i, 0], contact[i, 1])
+    rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1]) if rubs else (lx, ly, lm)
     for m in range(i + 1):
         x, y = contact[m, 0], contact[m, 1]
-        H[i, m] += lx * y - ly * x + lm
+        value = lx * y - ly * x + lm
+        H[i, m] += value
         if m < i:
-            H[m, i] += rx * y - ry * x + rm
+            H[m, i] += rx * y - ry * x + rm if rubs else value
 
 
 @part
@@ -110,7 +123,7 @@ def base_stiffness(chain, state, S):
     contact, sums = state.contact, chain.touch.sums
     for i in range(contact.shape[0]):
         x, y = contact[i, 0], contact[i, 1]
-        S[i, 0], S[i, 1], S[i, 2] = _from_the_left(sums, i, x, y)
+        S[i, 0], S[i, 1], S[i, 2] = from_the_left(sums, i, x, y)
         S[i, 2] -= sums[i, X_DOT_G] - (x * sums[i, GX] + y * sums[i, GY])
 
 
@@ -141,7 +154,7 @@ def fill_load_generators(chain, loads, state, prox, sweep):
     contact, sums = state.contact, chain.touch.sums
     for i in range(contact.shape[0]):
         cx, cy = contact[i, 0], contact[i, 1]
-        lx, ly, lm = _from_the_left(sums, i, cx, cy)
+        lx, ly, lm = from_the_left(sums, i, cx, cy)
         sweep.U[i, 0] += lm
         sweep.U[i, 1] -= ly
         sweep.U[i, 2] += lx
@@ -151,23 +164,31 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 @formula(formulas.shorten, Walled)
 def shorten(chain, state, step, is_newtons):
     """Shorten a step that would move the origin of a link too far; keep the first of Newton's; returns the factor."""
-    n, contact, pose, touch = step.size, state.contact, state.pose, chain.touch
+    n, touch = step.size, chain.touch
     for i in range(n if is_newtons and touch.how[STEPS] == 0.0 else 0):
         touch.tangent[i] = step[i]
     touch.how[STEPS] += 1.0
-    turn, x, y, farthest = 0.0, 0.0, 0.0, 0.0
+    farthest = farthest_move(state, step)
+    if farthest <= LONGEST_MOVE:
+        return 1.0
+    part_of_it = LONGEST_MOVE / farthest
     for i in range(n):
+        step[i] *= part_of_it
+    return part_of_it
+
+
+@part
+def farthest_move(state, step):
+    """How far a step moves the origin of the link that it moves farthest, to first order [mm]."""
+    contact, pose = state.contact, state.pose
+    turn, x, y, farthest = 0.0, 0.0, 0.0, 0.0
+    for i in range(step.size):
         turn += step[i]
         x += step[i] * contact[i, 0]
         y += step[i] * contact[i, 1]
         dx, dy = y - turn * pose[i + 1, Y], turn * pose[i + 1, X] - x
         farthest = max(farthest, dx * dx + dy * dy)
-    if farthest <= LONGEST_MOVE * LONGEST_MOVE:
-        return 1.0
-    part_of_it = LONGEST_MOVE / np.sqrt(farthest)
-    for i in range(n):
-        step[i] *= part_of_it
-    return part_of_it
+    return np.sqrt(farthest)
 
 
 @formula(formulas.evaluate_geometry, Walled)
@@ -213,7 +234,7 @@ def fill_upper_generators(chain, state, U, Q):
     for i in range(U.shape[0]):
         for a in range(U.shape[1]):
             Q[i, a] = U[i, a]
-        lx, ly, lm = _from_the_left(sums, i, contact[i, 0], contact[i, 1])
+        lx, ly, lm = from_the_left(sums, i, contact[i, 0], contact[i, 1])
         rx, ry, rm = _from_the_right(sums, i, contact[i, 0], contact[i, 1])
         Q[i, 0] += rm - lm
         Q[i, 1] += ly - ry

@@ -11,9 +11,19 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels import formulas
-from rollingjoint.kernels.arrays import INDETERMINATE, INVALID_INPUT, NO_ROOM, UNSTABLE, TendonLaw, all_resolvable
+from rollingjoint.kernels.arrays import (
+    AT_LIMIT,
+    INDETERMINATE,
+    INVALID_INPUT,
+    NO_ROOM,
+    PASSED_THROUGH,
+    UNSTABLE,
+    TendonLaw,
+    all_resolvable,
+)
 from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
 from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
+from rollingjoint.kernels.passing import has_passed, may_pass, place_line
 from rollingjoint.kernels.rubbed_chain import (
     StepFriction,
     StepFrictionSizes,
@@ -27,10 +37,10 @@ from rollingjoint.kernels.wall_contacts import (
     N_PLACE,
     PENALTY,
     PLACES,
-    RUBS,
     STIFFER,
     ContactMemory,
     Touched,
+    begin_rubbing,
     begin_touch,
     contact_sizes,
     touch_walls,
@@ -51,6 +61,10 @@ class WallArrays(NamedTuple):
     walls: Walls
     which: Annotated[Integers, "B"]  # index of each lane's walls
     bases: Annotated[Floats, "B", 3]  # pose of the base in the world [mm, rad]
+    # The equilibrium before the step, to see whether the chain passes through a wall: poses of the links, x, y, angle,
+    # and of the base, NaN where it is not known; no rows where none is known.
+    poses_before: Annotated[Floats, "known", "n", 3]
+    bases_before: Annotated[Floats, "known", 3]
     before: Annotated[Touched, "B"]
     after: Annotated[Touched, "B"]
     gaps: Annotated[Floats, "B", "C"]  # of candidates that press; else a lower bound [mm]
@@ -89,12 +103,28 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
         if solvable:
             among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
             outcome = solve_between(among, None, law, loads[lane], starts[lane], state)
+            if outcome[0] <= AT_LIMIT and passes(place, state, walls, lane):
+                outcome = PASSED_THROUGH, outcome[1], outcome[2], outcome[3]
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
         formulas.store(mechanism, state, outcome, results, lane)
         store_walls(place.touch, state, walls, lane)
         if solvable:
             walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
+
+
+@part
+def passes(place, state, walls, lane):
+    """True where the chain has passed through a wall on its way from the equilibrium before."""
+    if walls.bases_before.shape[0] == 0 or not all_resolvable(walls.bases_before[lane]):
+        return False
+    which, curve, before, now = walls.which[lane], place.curve, walls.bases_before[lane], walls.bases[lane]
+    if not may_pass(walls.walls, which, walls.poses_before[lane], before, state.pose, now):
+        return False
+    bars, last = walls.walls.bars[which], curve.shape[0] - 1
+    place_line(bars, walls.poses_before[lane], before, curve, 0, 1)
+    place_line(bars, state.pose, now, curve, last, -1)
+    return has_passed(walls.walls, which, curve)
 
 
 @part
@@ -211,9 +241,11 @@ def _step_each(
         begin_place(walls, lane, solvable, place)
         among, status = walled(mechanism, place, touched), INVALID_INPUT
         if solvable:
-            place.touch.how[RUBS] = 1.0
+            begin_rubbing(place.touch, 1.0)
             rubbing = coefficients, before, memory
             outcome = solve_between(among, rubbing, law, loads[lane], starts[lane], state)
+            if outcome[0] <= AT_LIMIT and passes(place, state, walls, lane):
+                outcome = PASSED_THROUGH, outcome[1], outcome[2], outcome[3]
             status = outcome[0]
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
@@ -279,6 +311,7 @@ def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
         for i in range(state.angle.size):
             state.angle[i] = angles[lane, i]
         begin_place(walls, lane, True, place)
+        begin_rubbing(touch, 0.0)
         formulas.evaluate_geometry(mechanism, state)
         among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
         touch.how[PLACES] = 1.0
@@ -338,7 +371,7 @@ def _stiffness_each(
     for lane in range(angles.shape[0]):
         mechanism, past = pointed(formulas.design(chain, designs[lane])), pointed(history_of(history, lane))
         begin_place(walls, lane, True, place)
-        place.touch.how[RUBS] = rubs
+        begin_rubbing(place.touch, rubs)
         among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
         if place.seen.rigid[0] > 0.0:
             place.touch.how[STIFFER] = _FIRM

@@ -12,7 +12,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import planar
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.wall_step import new_wall_arrays, touch
-from rollingjoint.checks import as_floats
+from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
@@ -29,6 +29,8 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
     """The walls and the outline of a mechanism, as kernels take them: a stack of one, or a stack that was given."""
+    if type(surroundings) is Surroundings and (kept := surroundings.arrays_of(mechanism)) is not None:
+        return kept
     chain = planar(mechanism, "Surroundings are for planar chains.")
     if isinstance(surroundings, Walls):
         return surroundings
@@ -38,9 +40,16 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Walls:
 
 
 def walls_around(
-    mechanism: AnyChain | Sequence[AnyChain], surroundings: Around | Sequence[Around], base: ArrayLike, rows: int
+    mechanism: AnyChain | Sequence[AnyChain],
+    surroundings: Around | Sequence[Around],
+    base: ArrayLike,
+    rows: int,
+    at: Any = None,
 ) -> WallArrays:
-    """The walls around every row of a batch; surroundings: of all rows, or a list or a stack with those of each."""
+    """The walls around every row of a batch; surroundings: of all rows, or a list or a stack with those of each.
+
+    at: equilibria among walls before a step, or one for all rows: steps that pass through a wall are marked.
+    """
     single = isinstance(surroundings, Walls) or not isinstance(surroundings, Sequence)
     every: Sequence[Around] = [surroundings] if single else surroundings  # type: ignore[list-item, assignment]
     if not single and len(every) != rows:
@@ -58,11 +67,22 @@ def walls_around(
         if single and not isinstance(mechanism, Sequence):
             break
     first = mechanism[0] if isinstance(mechanism, Sequence) else mechanism
-    if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1:
-        if len(surroundings.rigid) != rows:
-            raise InvalidInput("number of surroundings", len(surroundings.rigid), f"{rows}, one per row of the batch")
-        return new_wall_arrays(surroundings, np.arange(rows), bases_of(base, rows), first.n_joints)
-    return new_wall_arrays(stacked_walls(different), which, bases_of(base, rows), first.n_joints)
+    if at is not None:
+        shapes = (at.poses, (rows, first.n_links, 3)), (at.base_among_walls, (rows, 3))
+        at = tuple(np.broadcast_to(values, shape).copy() for values, shape in shapes)
+    stack = surroundings if isinstance(surroundings, Walls) and len(surroundings.rigid) > 1 else None
+    if stack is not None and len(stack.rigid) != rows:
+        raise InvalidInput("number of surroundings", len(stack.rigid), f"{rows}, one per row of the batch")
+    walls, which = (stacked_walls(different), which) if stack is None else (stack, np.arange(rows))
+    return new_wall_arrays(walls, which, bases_of(base, rows), first.n_joints, None, at)
+
+
+def equilibrium_among(start: Any, history: Any, n_links: int) -> Any:
+    """The equilibrium among walls from which a step begins, the start or else the history; None if neither is one."""
+    for each in (start, history):
+        if isinstance(each, Solution) and each.base_among_walls is not None and each.poses.shape[-2] == n_links:
+            return each
+    return None
 
 
 def has_wall_friction(walls: Walls) -> bool:
@@ -98,6 +118,11 @@ def stacked_walls(every: Sequence[Walls]) -> Walls:
             arrays = tuple(np.pad(array, ((0, 0), (0, most - array.shape[1]), (0, 0))) for array in arrays)
         joined.append(np.concatenate(arrays))
     return Walls(*joined)
+
+
+def base_of(base: ArrayLike) -> ArrayLike:
+    """The pose of the base, (3,); the default stays as it is."""
+    return base if base is ORIGIN else seen_as_vector("base", base, 3, "x, y [mm] and angle [rad]")
 
 
 def bases_of(base: ArrayLike, rows: int) -> Array:

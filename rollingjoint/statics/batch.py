@@ -14,6 +14,7 @@ from rollingjoint.chain.chain import AnyChain, Chain, kinds
 from rollingjoint.chain.friction_step import friction_laws, no_friction
 from rollingjoint.chain.solution import Solution, stacked
 from rollingjoint.chain.stacks import Variations, designs_of, distinct
+from rollingjoint.chain.status import Status
 from rollingjoint.chain.wall_step import new_wall_arrays
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
@@ -21,9 +22,16 @@ from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.load import Load, with_all_columns, wrong_links
-from rollingjoint.statics.among import ORIGIN, Around, fill_memory, has_wall_friction, walls_around
+from rollingjoint.statics.among import (
+    ORIGIN,
+    Around,
+    equilibrium_among,
+    fill_memory,
+    has_wall_friction,
+    walls_around,
+)
 from rollingjoint.statics.inputs import History, Start, checked_history, start_of
-from rollingjoint.statics.parts import has_obstacles, in_parts, row_of, rows_that_passed
+from rollingjoint.statics.parts import in_parts, row_of
 
 Array = NDArray[np.float64]
 
@@ -101,14 +109,12 @@ class Batch:
         Steps from equilibria among walls that pass through an obstacle are done again in parts, or else refused.
         """
         rows, mechanism = len(self.inputs), self.mechanism if self.variations is None else self.chains[0]
-        walls = walls_around(mechanism, surroundings, base, rows)
+        at = equilibrium_among(*before, self.chains[0].n_links)
+        walls = walls_around(mechanism, surroundings, base, rows, at)
         solution = self._step_among(laws, tables, angles, before[1], walls)
         if all(each is None for each in before):  # the mechanism at rest promises no pose
             solution = replace(solution, walls=replace(solution.walls, jumped=np.zeros(rows, bool)))
-        at = next((each for each in before if isinstance(each, Solution) and each.walls is not None), None)
-        if at is None or not has_obstacles(walls.walls):
-            return solution
-        passed = rows_that_passed(at, solution)
+        passed = np.flatnonzero(solution.status == Status.PASSED_THROUGH)
         if not passed.size:
             return solution
         each = [solution.row(row) for row in range(rows)]
@@ -193,7 +199,9 @@ def _take_part(mechanism: AnyChain, law: TendonLaw, table: Array, at: Solution, 
     batch = Batch.of(mechanism, "tensions", np.zeros((1, mechanism.n_tendons)))
     laws, angles = TendonLaw(*(values[None] for values in law)), at.joint_angles[None].copy()
     step, base = walls
-    arrays = new_wall_arrays(step.walls, np.array([step.which]), base[None].copy(), mechanism.n_joints)
+    way = at.poses[None].copy(), at.walls.base[None].copy()
+    which, bases = np.array([step.which]), base[None].copy()
+    arrays = new_wall_arrays(step.walls, which, bases, mechanism.n_joints, None, way)
     return batch._step_among(laws, table[None].copy(), angles, history, arrays).row(0)
 
 

@@ -12,30 +12,15 @@ from numpy.typing import NDArray
 from rollingjoint.chain.friction_step import FrictionStep
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.status import Status
-from rollingjoint.chain.wall_step import WallStep, passed_through
+from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.planar_loads import LINK_COLUMNS, LOAD_COLUMNS
-from rollingjoint.kernels.walls import Walls
 
 Array = NDArray[np.float64]
 
 PARTS = (4, 16)
 """Numbers of equal parts in which a step is tried, the one after the other."""
 _LINKS = [LOAD_COLUMNS.index(name) for name in LINK_COLUMNS]
-
-
-def has_obstacles(walls: Walls) -> bool:
-    """True if there are discs or capsules, through which a chain can pass."""
-    return walls.discs.shape[1] + walls.capsules.shape[1] > 0
-
-
-def rows_that_passed(before: Any, now: Any) -> NDArray[np.int64]:
-    """Indices of the rows of a batch that ended beyond an obstacle; before: one equilibrium for all, or a batch."""
-    rows = np.flatnonzero(now.ok)
-    pairs = (before.poses, now.poses), (before.walls.base, now.walls.base)
-    poses, bases = (np.broadcast_to(first, last.shape)[rows] for first, last in pairs)
-    where = (poses, bases), (now.poses[rows], now.walls.base[rows])
-    return rows[passed_through(now.walls.walls, now.walls.which[rows], *where)]
 
 
 def row_of(state: Any, row: int) -> Any:
@@ -66,7 +51,7 @@ def in_parts(take: Callable[..., Any], before: Any, history: Any, whole: Any, la
             part = TendonLaw(*(_between(first, last, share) for first, last in zip(from_law, law, strict=True)))
             place = whole.walls, _between(before.walls.base, whole.walls.base, share)
             step = take(whole.mechanism, part, _between(loads, table, share), at, past, place)
-            if not step.ok or _passed(whole.walls, at, step):
+            if not step.ok:
                 break
             steps, at, past = [*steps, step], step, None if past is None else step
         else:
@@ -78,11 +63,6 @@ def _between(first: Array, last: Array, share: float) -> Array:
     """Numbers at a share of the way from the first to the last ones, to the last bit where that is 1."""
     way = np.subtract(last, first, out=np.zeros_like(last), where=first != last)
     return last + (share - 1.0) * way
-
-
-def _passed(walls: Any, before: Any, now: Any) -> bool:
-    poses = (before.poses[None], before.walls.base[None]), (now.poses[None], now.walls.base[None])
-    return bool(passed_through(walls.walls, np.array([walls.which]), *poses)[0])
 
 
 def _joined(steps: list[Any], whole: Any) -> Any:

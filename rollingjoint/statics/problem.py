@@ -14,7 +14,7 @@ from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.walls import Walls
 from rollingjoint.load import Load
-from rollingjoint.statics.among import ORIGIN, Around, walls_of
+from rollingjoint.statics.among import ORIGIN, Around, base_of, has_wall_friction, walls_of
 from rollingjoint.statics.batch import solve_one_among
 from rollingjoint.statics.inputs import History, Start, angles_of, checked_history, tension_limits_of
 from rollingjoint.statics.slot import Law, Slot, full_law
@@ -42,7 +42,8 @@ class Problem(Generic[S]):
         self.mechanism, self.given = mechanism, given
         self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
         self.walls = walls
-        self._rubs, self._n_tendons = mechanism.has_friction, mechanism.n_tendons
+        self._rubs = mechanism.has_friction or (walls is not None and has_wall_friction(walls))
+        self._n_tendons = mechanism.n_tendons
         self._spares: list[Slot] = []
 
     def solve(self, values: ArrayLike, start: Start = None, history: History = None, base: ArrayLike = ORIGIN) -> S:
@@ -61,12 +62,8 @@ class Problem(Generic[S]):
         """
         command = seen_as_vector(self.given, values, self._n_tendons, "one per tendon")
         angles = angles_of(self.mechanism, start, history)
-        if self.walls is not None:
-            law = full_law(self._law(command), self._n_tendons)
-            among: S = solve_one_among(self.mechanism, law, self.loads, angles, (start, history), self.walls, base)
-            return among
         if history is not None and self._rubs:
-            return self._step(command, angles, history)
+            return self._step(command, angles, (start, history), base)
         spares = self._spares
         try:
             slot = spares.pop()  # in one step, whichever threads come together
@@ -77,9 +74,11 @@ class Problem(Generic[S]):
         else:
             slot.law.low[...] = slot.law.high[...] = command
         slot.start[...] = angles
-        equilibrium: S = slot.solve(self.mechanism, self.loads)
+        if self.walls is not None:
+            slot.enter_way(base_of(base), start, history)
+        equilibrium: S | None = slot.solve(self.mechanism, self.loads, start is not None or history is not None)
         spares.append(slot)  # not after an interrupt: a thread that was abandoned may still be writing into it
-        return equilibrium
+        return equilibrium or self._step(command, angles, (start, history), base)
 
     def __repr__(self) -> str:
         return f"<Problem of {self.mechanism.name!r}: {self.given} given, {len(self.loads)} rows of loads>"
@@ -88,11 +87,15 @@ class Problem(Generic[S]):
         """The arguments of the constructor: addresses have no meaning in another process."""
         return _restored, (self.mechanism, self.given, self.loads, self.tension_limits, self.walls)
 
-    def _step(self, command: Array, angles: Array, history: History) -> S:
-        """A step with friction."""
-        before = checked_history(self.mechanism, history, None)
-        law, loads = full_law(self._law(command), self._n_tendons), self.loads.copy()
-        equilibrium: S = solve_one(self.mechanism, law, loads, angles.copy(), before)
+    def _step(self, command: Array, angles: Array, before: tuple[Start, History], base: ArrayLike) -> S:
+        """A step with friction, or one among walls that passes through one as a whole."""
+        law, loads, history = full_law(self._law(command), self._n_tendons), self.loads.copy(), before[1]
+        equilibrium: S
+        if self.walls is not None:
+            equilibrium = solve_one_among(self.mechanism, law, loads, angles, before, self.walls, base)
+        else:
+            past = checked_history(self.mechanism, history, None)
+            equilibrium = solve_one(self.mechanism, law, loads, angles.copy(), past)
         return equilibrium
 
     def _law(self, command: ArrayLike) -> Law:
@@ -102,7 +105,7 @@ class Problem(Generic[S]):
         return command, self.mechanism.stiffnesses, low, high
 
     def _new_slot(self) -> Slot:
-        slot = Slot(self.mechanism, len(self.loads))
+        slot = Slot(self.mechanism, len(self.loads), self.walls)
         slot.enter(self._law(0.0), self.loads, self.mechanism.neutral_angles)
         return slot
 

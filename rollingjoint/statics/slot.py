@@ -14,9 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.chain.batch import PinnedRange
+from rollingjoint.chain.batch import PinnedAmongWalls, PinnedRange
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.chain.wall_step import WALL_OUTPUTS, new_wall_arrays, wall_outputs, with_outputs
+from rollingjoint.kernels.arrays import PASSED_THROUGH, TendonLaw
+from rollingjoint.kernels.walled_solve import WallArrays
+from rollingjoint.kernels.walls import Walls
+from rollingjoint.statics.among import ORIGIN, equilibrium_among
 from rollingjoint.threads import run_in_threads, runs_at_once
 
 Array = NDArray[np.float64]
@@ -25,6 +29,7 @@ Law = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 """The fields of a TendonLaw, numbers for all tendons or (m,)."""
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
+_MOST_SPARES = 64  # lists of slots
 _item = np.ndarray.item
 
 
@@ -36,29 +41,30 @@ class Slot:
         arrays: the mechanism's. loads: load table, (rows, columns). start: joint angles, (n - 1,) [rad].
     """
 
-    def __init__(self, mechanism: AnyChain, rows: int) -> None:
+    def __init__(self, mechanism: AnyChain, rows: int, walls: Walls | None = None) -> None:
         n_joints, m = mechanism.n_joints, mechanism.n_tendons
         kernels, self._n_joints = mechanism.kernels, n_joints
         self._pack = mechanism.equilibrium.of_outputs
-        empty = kernels.new_results(1, n_joints, m)
-        floats = {name: array.shape for name, array in empty._asdict().items() if array.ndim > 1 and len(array)}
-        ends = np.cumsum([0, *map(math.prod, floats.values())]).tolist()
-        self._outputs = np.zeros(ends[-1])
-        parts = {name: slice(*at) for name, at in zip(floats, itertools.pairwise(ends), strict=True)}
-        results = empty._replace(**{name: self._outputs[parts[name]].reshape(floats[name]) for name in floats})
-        self._places = {name: (shape[1:], 8 * parts[name].start) for name, shape in floats.items()}
+        results, around = kernels.new_results(1, n_joints, m), None
+        if walls is not None:
+            around = new_wall_arrays(walls, _FIRST, np.zeros((1, 3)), n_joints, None, _unknown(n_joints))
+        self._outputs, self._places, results, around = _in_one_block(results, around)
+        if around is not None:
+            around = around._replace(poses_before=results.poses)  # read before the new ones are written
         laws, tables, starts = (
             np.zeros((4, 1, m)),
             np.zeros((1, rows, len(mechanism.load_columns))),
             np.zeros((1, n_joints)),
         )
         self.law, self.loads, self.start = TendonLaw(*laws[:, 0]), tables[0], starts[0]
-        self.arrays = mechanism.arrays
+        self.arrays, self.walls, self._around = mechanism.arrays, walls, around
         arrays = kernels.batch_arrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
-        solve: Any = PinnedRange(kernels, arrays)
+        solve: Any = PinnedRange(kernels, arrays) if around is None else PinnedAmongWalls(arrays, around)
         self._solve = solve.__call__  # looked up once: 70 ns of every solve
         self._at_once = runs_at_once(n_joints)
         self._numbers = [array for array in results if array.ndim == 1]
+        # among walls: outputs of the last equilibrium, the pose of the base there, and the one of the step before it
+        self._last, self._base, self._before = (), ORIGIN, None
 
     def enter(self, law: Law, table: Array, start: Array) -> None:
         """Fill everything in."""
@@ -67,15 +73,71 @@ class Slot:
         self.loads[...] = table
         self.start[...] = start
 
-    def solve(self, mechanism: AnyChain, table: Array) -> Any:
-        """The equilibrium for the inputs of `enter`; table: its load table, read-only."""
+    def enter_way(self, base: ArrayLike, start: Any, history: Any) -> None:
+        """Fill in the pose of the base among walls, and the equilibrium there from which the step begins, if any.
+
+        start, history: of the step, as a caller gives them.
+        """
+        around, before = self._around, self._base
+        if start is None or getattr(start, "_outputs", None) is not self._last:  # else its poses are here still
+            at = equilibrium_among(start, history, self._n_joints + 1)
+            if at is None:
+                around.bases_before[...], self._before = math.nan, None
+            else:
+                around.poses_before[...], around.bases_before[...] = at.poses, at.base_among_walls
+                self._before = at
+        elif not (before is ORIGIN and self._before is ORIGIN):
+            around.bases_before[...], self._before = around.bases, before
+        if not (base is ORIGIN and before is ORIGIN):
+            around.bases[...], self._base = base, base
+
+    def solve(self, mechanism: AnyChain, table: Array, promised: bool = True) -> Any:
+        """The equilibrium for the inputs of `enter`; table: its load table, read-only.
+
+        promised: whether the start is a pose nearby, from which a chain among walls may jump. None for a step through a
+        wall.
+        """
         if self._at_once:
             self._solve(0, 1)
         else:
             run_in_threads(self._solve, 1, self._n_joints, abandon=True)
+        numbers = tuple(map(_item, self._numbers))
         memory = self._outputs.tobytes()  # read-only, and so are all arrays in it
         outputs = np.frombuffer(memory, float, self._n_joints), memory, self._places
-        return self._pack(mechanism, table, outputs, *map(_item, self._numbers))
+        if self.walls is None:
+            return self._pack(mechanism, table, outputs, *numbers)
+        if numbers[2] == PASSED_THROUGH:
+            self._last = ()
+            return None
+        self._last, jumped = outputs, promised and self._around.jumped.item() > 0
+        return self._pack(mechanism, table, outputs, *numbers, around=(self.walls, jumped))
+
+
+def _in_one_block(results: Any, around: WallArrays | None) -> tuple[Array, dict[str, tuple[Any, int]], Any, Any]:
+    """One block of memory for all outputs of floats; shape and first byte of each; results and walls with them there.
+
+    Of walls with the pose of the base, which results keep.
+    """
+    shapes = {name: array.shape for name, array in results._asdict().items() if array.ndim > 1 and len(array)}
+    own = list(shapes)
+    if around is not None:
+        shapes |= {part: array.shape for part, array in zip(WALL_OUTPUTS, wall_outputs(around), strict=True)}
+    ends = np.cumsum([0, *map(math.prod, shapes.values())]).tolist()
+    outputs = np.zeros(ends[-1])
+    arrays = {
+        name: outputs[slice(*at)].reshape(shape)
+        for (name, shape), at in zip(shapes.items(), itertools.pairwise(ends), strict=True)
+    }
+    places = {name: (shape[1:], 8 * first) for (name, shape), first in zip(shapes.items(), ends, strict=False)}
+    results = results._replace(**{name: arrays[name] for name in own})
+    if around is not None:
+        around = with_outputs(around, [arrays[name] for name in WALL_OUTPUTS])
+    return outputs, places, results, around
+
+
+def _unknown(n_joints: int) -> tuple[Array, Array]:
+    """No equilibrium among walls before a solve, and room for one."""
+    return np.zeros((1, n_joints + 1, 3)), np.full((1, 3), math.nan)
 
 
 def full_law(law: Law, n_tendons: int) -> TendonLaw:
@@ -83,18 +145,25 @@ def full_law(law: Law, n_tendons: int) -> TendonLaw:
     return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
-def spare_slot(mechanism: AnyChain, rows: int, kind: type[Any] = Slot) -> tuple[Any, list[Any]]:
+def spare_slot(
+    mechanism: AnyChain, rows: int, kind: type[Any] = Slot, walls: Walls | None = None
+) -> tuple[Any, list[Any]]:
     """An unused slot of the mechanism, and the list to put it back into.
 
-    kind: of the slot, made by kind(mechanism, rows); its `arrays` are the mechanism's.
+    kind: of the slot, made by kind(mechanism, rows) or, among walls, kind(mechanism, rows, walls); it has `arrays` of
+    the mechanism and `walls`.
     Lists pop and append in one step, safe between threads; after an interrupted solve a slot is not put back, since an
     abandoned thread may still be writing into it.
     """
-    spares = mechanism.spares.setdefault((kind, rows), [])
+    kept, around = mechanism.spares, () if walls is None else (walls,)
+    spares = kept.setdefault((kind, rows, id(walls)), [])
     try:
         slot = spares.pop()
     except IndexError:
-        return kind(mechanism, rows), spares
-    if slot.arrays is not mechanism.arrays:  # the slot of a mechanism from which this one was copied with other numbers
-        slot = kind(mechanism, rows)
+        if len(kept) > _MOST_SPARES:
+            kept.clear()
+        return kind(mechanism, rows, *around), spares
+    # of a mechanism from which this one was copied with other numbers, or of walls that are gone
+    if slot.arrays is not mechanism.arrays or (around and slot.walls is not walls):
+        slot = kind(mechanism, rows, *around)
     return slot, spares

@@ -14,7 +14,7 @@ from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
-from rollingjoint.statics.among import ORIGIN, Around
+from rollingjoint.statics.among import ORIGIN, Around, base_of, has_wall_friction, walls_of
 from rollingjoint.statics.batch import Batch, prescribed, solve_one_among
 from rollingjoint.statics.inputs import History, Start, angles_of, broadcast_limits, checked_history, tension_limits_of
 from rollingjoint.statics.least_squares import solve_least_squares
@@ -179,8 +179,7 @@ def _solve_one(
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     angles = angles_of(mechanism, start, history)
     if surroundings is not None:
-        laws = full_law(law, mechanism.n_tendons)
-        return solve_one_among(mechanism, laws, table, angles, (start, history), surroundings, base)
+        return _solve_among(mechanism, law, table, angles, (start, history), surroundings, base)
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)
@@ -189,3 +188,25 @@ def _solve_one(
         return equilibrium
     before = checked_history(mechanism, history, None)
     return solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)
+
+
+def _solve_among(
+    mechanism: AnyChain,
+    law: Law,
+    table: Array,
+    angles: Array,
+    before: tuple[Start, History],
+    surroundings: Around,
+    base: ArrayLike,
+) -> Any:
+    """The equilibrium of one mechanism among walls; without friction in a slot, if it passes through none."""
+    walls = walls_of(surroundings, mechanism)
+    if before[1] is None or not (mechanism.has_friction or has_wall_friction(walls)):
+        slot, spares = spare_slot(mechanism, len(table), walls=walls)
+        slot.enter(law, table, angles)
+        slot.enter_way(base_of(base), *before)
+        equilibrium = slot.solve(mechanism, read_only(table), before[0] is not None or before[1] is not None)
+        spares.append(slot)
+        if equilibrium is not None:
+            return equilibrium
+    return solve_one_among(mechanism, full_law(law, mechanism.n_tendons), table, angles, before, surroundings, base)

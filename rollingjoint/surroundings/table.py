@@ -82,15 +82,20 @@ class Surroundings:
         """True if any wall rubs."""
         return any(self._friction(wall).mu > 0.0 for wall in self.walls)
 
+    def arrays_of(self, chain: object) -> Walls | None:
+        """The arrays for a chain from the last call of `arrays`; None where that was another chain."""
+        before: tuple[HasLinks, Walls] | None = self.__dict__.get("_arrays")
+        return before[1] if before is not None and before[0] is chain else None
+
     def arrays(self, chain: HasLinks) -> Walls:
         """The arrays of kernels for a planar chain, with a leading axis of 1; kept for the next call.
 
         Raises:
             InvalidInput: links that the outline does not fit.
         """
-        before: tuple[HasLinks, Walls] | None = self.__dict__.get("_arrays")
-        if before is not None and before[0] is chain:
-            return before[1]
+        kept = self.arrays_of(chain)
+        if kept is not None:
+            return kept
         outline = self.outline.rows(chain.links)
         tables: dict[str, list[Row]] = {name: [] for name in _WIDTHS}
         for wall in self.walls:

@@ -9,7 +9,7 @@ from rollingjoint import Capsule, Disc, HalfPlane, Lumen, Polygon
 from tests.attack.planar import turned
 
 _STEPS = 1e-5, 1e-5, 1e-6  # mm, mm, rad: of central differences; fields have kinks in their slopes
-_BLEND = 0.005  # mm on either side of a joint in a lumen, over which the rate of the way goes from one to the other
+_BLEND = 0.005  # mm on either side of a joint of a wall, over which the rate of the way goes from one to the other
 
 
 class Candidates:
@@ -196,6 +196,19 @@ def _around(u, v, length, inner, outer):
     return np.where(near | far, ends, beside)
 
 
+def _blended(u, v, there, length, both):
+    """What the blend where sides meet ends takes off the way, from the place `there` at which it is differentiated."""
+    at_u, at_v = there
+    joint = np.where(at_u < 0.5 * length, 0.0, length)
+    share = 0.5 * np.maximum(1.0 - np.abs(at_u - joint) / _BLEND, 0.0)
+    x = at_u - joint
+    distance = np.where((at_u <= 0.0) | (at_u >= length), np.hypot(x, at_v), np.abs(at_v))
+    more = both / distance - 1.0
+    along = np.where(at_v < 0.0, 1.0, -1.0) * (u - at_u)
+    around = (x * (v - at_v) - at_v * (u - at_u)) / distance
+    return share * more * np.where((at_u <= 0.0) | (at_u >= length), around, -along)
+
+
 def _distance(u, v, length):
     return np.hypot(u - np.clip(u, 0.0, length), v)
 
@@ -204,9 +217,14 @@ def _on_disc(ends, radius, centre, other):
     axis = ends[1] - ends[0]
     length, angle = np.hypot(*axis), np.arctan2(axis[1], axis[0])
 
+    def seen(pose):
+        return turned(-(pose[:, 2] + angle), centre - _placed(ends[0], pose)).T
+
     def fields(pose, about=None):
-        u, v = turned(-(pose[:, 2] + angle), centre - _placed(ends[0], pose)).T
+        u, v = seen(pose)
         way = _around(u, v, length, radius, other) + other * pose[:, 2]
+        if about is not None:
+            way = way - _blended(u, v, seen(about), length, radius + other)
         return _distance(u, v, length) - radius - other, way, np.ones(len(pose))
 
     return fields
@@ -216,10 +234,14 @@ def _on_capsule(end, radius, axis, other):
     along = axis[1] - axis[0]
     length, angle = np.hypot(*along), np.arctan2(along[1], along[0])
 
+    def seen(pose):
+        return turned(np.full(len(pose), -angle), _placed(end, pose) - axis[0]).T
+
     def fields(pose, about=None):
-        at = _placed(end, pose)
-        u, v = turned(np.full(len(pose), -angle), at - axis[0]).T
+        u, v = seen(pose)
         way = radius * pose[:, 2] - _around(u, v, length, other, radius)
+        if about is not None:
+            way = way + _blended(u, v, seen(about), length, radius + other)
         return _distance(u, v, length) - radius - other, way, np.ones(len(pose))
 
     return fields

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
+from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.solution import stacked
+from rollingjoint.kernels.gaps import nearest_on_segment, way_around
 from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST, RUBBING, S_BEND, cycle, s_bend
 
 MU, RADIUS, LUMEN = 0.25, 5.0, 7.0
@@ -113,3 +115,22 @@ def test_a_contact_that_opens_on_one_side_of_a_lumen_begins_anew_on_the_other():
         CHAIN, REST, tension_limits=LIMITS, surroundings=around, base=(4.0, 0.02, 0.0), history=step
     ).require()
     assert pushed.insertion_force > 0.0 and all(0.2 < contact.state < 0.6 for contact in pushed.wall_contacts)
+
+
+@pytest.mark.parametrize("side, end", [(-1.0, 0.0), (1.0, 0.0), (-1.0, 30.0), (1.0, 30.0)])
+def test_friction_at_a_wall_that_gives_way_does_not_jump_where_a_side_meets_an_end(side, end):
+    """The rate of the way along a pressed capsule; beyond the blend it is the derivative of the way."""
+    length, inner, outer, depth = 30.0, 4.0, 5.0, 0.5
+    nearest, around = standalone(nearest_on_segment), standalone(way_around)
+
+    def way(u):
+        place = nearest(u, side * (inner + outer - depth), 0.0, 0.0, 1.0, 0.0, length)
+        return np.array(around(place, 1.0, 0.0, length, inner, outer))
+
+    jump = abs(way(end + 1e-9)[1] - way(end - 1e-9)[1])
+    assert jump < 1e-6 and abs(way(end + 0.006)[1] - way(end - 0.006)[1]) > 0.05
+    for u in (end - 0.4, end - 0.006, end + 0.006, end + 0.4):
+        assert way(u)[1] == pytest.approx((way(u + 1e-6)[0] - way(u - 1e-6)[0]) / 2e-6, abs=1e-6)
+    for u in (end - 0.003, end + 0.003):
+        slope = (way(u + 1e-7)[1] - way(u - 1e-7)[1]) / 2e-7
+        assert way(u)[3] == pytest.approx(slope, rel=0.02)

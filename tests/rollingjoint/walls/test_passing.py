@@ -5,7 +5,12 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint import Status
+from rollingjoint.chain.batch import range_among_walls, step_range_among_walls
+from rollingjoint.chain.friction_step import no_friction
 from rollingjoint.chain.solution import stacked
+from rollingjoint.chain.wall_step import new_wall_arrays
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.friction import new_friction_arrays
 from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST, RUBBING
 
 HARD = rj.Disc((12.0, 45.0), 4.0, stiffness=5.0)
@@ -82,6 +87,55 @@ def test_ways_around_a_tip_are_no_passing():
     first = solve(scene, (0.0, 0.0, 0.0), command=REST + pull).require()
     second = solve(scene, (0.0, 0.0, 0.0), command=REST - pull, start=first)
     assert first.tip[0] * second.tip[0] < 0.0 and second.ok
+
+
+BEND = rj.Lumen([30.0, 10.0 * np.pi, 60.0], [0.0, 0.05, 0.0], radii=8.0, stiffness=1e-3)
+INSIDE, ACROSS = np.array([0.0, 0.0, -6.0, 6.0]), np.array([-6.0, 6.0, -6.0, 6.0])
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+def test_a_chain_does_not_pass_through_the_inner_wall_of_a_bend(mu):
+    scene = around(BEND, mu=mu)
+    first = solve(scene, (0.0, 0.0, 0.0), command=REST + INSIDE).require()
+    across = solve(scene, (0.0, 0.0, 0.0), command=REST + ACROSS, start=first.joint_angles)
+    assert across.ok and across.tip[1] < 30.0 < first.tip[1]  # on the other side of the middle of the bend
+    past = {"history": first} if mu else {"start": first}
+    step = solve(scene, (0.0, 0.0, 0.0), command=REST + ACROSS, **past)
+    assert step.status is Status.PASSED_THROUGH and np.array_equal(step.poses, first.poses)
+    assert solve(scene, (0.0, 0.0, 0.0), command=REST + 0.9 * INSIDE, **past).ok
+
+
+def test_the_middle_of_a_wide_bend_in_another_limb_is_no_wall():
+    """The last limb of the lumen leads through the middle of its first bend, over which the chain may swing there."""
+    radius, tight = 50.0, 50.0 / 3.0
+    lengths, curvatures = [40.0, radius * np.pi / 3, tight * np.pi / 1.5, 110.0], [0.0, 1.0 / radius, 1.0 / tight, 0.0]
+    lumen = rj.Lumen(lengths, curvatures, radii=8.0, stiffness=1e-3)
+    x, y, angle = lumen.pose(lumen.length - 100.0)
+    scene, base, pull = around(lumen), (x, y, angle - 0.5 * np.pi), np.array([1.0, -1.0, 1.0, -1.0])
+    first = solve(scene, base, command=REST + pull).require()
+    second = solve(scene, base, command=REST - pull, start=first)
+    assert first.tip[0] > 0.0 > second.tip[0]  # the middle is ahead of the base, where its x is 0
+    assert second.ok and second.walls.parts == 1
+
+
+@pytest.mark.parametrize("rubs", [False, True])
+def test_kernels_of_batches_refuse_steps_through_walls(rubs):
+    """As environments call them: rows that pass end so, whose memory stays; the others, and unknown ways, do not."""
+    scene = around(HARD, mu=0.2 if rubs else 0.0)
+    first = solve(scene, (0.0, 0.0, 0.0))
+    bases = np.array([(16.0, 0.0, 0.0), (1.0, 0.0, 0.0), (16.0, 0.0, 0.0)])
+    at = np.repeat(first.poses[None], 3, axis=0), np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), [np.nan] * 3])
+    law = TendonLaw(*(np.tile(np.broadcast_to(v, 4), (3, 1)) for v in (REST, CHAIN.stiffnesses, *LIMITS)))
+    results = CHAIN.kernels.new_results(3, CHAIN.n_joints, 4)
+    starts, tables = np.repeat(first.joint_angles[None], 3, axis=0), np.zeros((3, 0, len(CHAIN.load_columns)))
+    batch = CHAIN.kernels.batch_arrays(CHAIN.arrays, np.zeros(3, np.int64), law, tables, starts, results)
+    walls = new_wall_arrays(scene.arrays(CHAIN), np.zeros(3, np.int64), bases, CHAIN.n_joints, None, at)
+    if rubs:
+        step_range_among_walls(batch, new_friction_arrays(*no_friction(starts, 4)), walls, 0, 3)
+    else:
+        range_among_walls(batch, walls, 0, 3)
+    assert results.status.tolist() == [Status.PASSED_THROUGH, Status.CONVERGED, Status.CONVERGED]
+    assert not walls.after.states[0].any()
 
 
 def test_rows_of_a_batch_are_refused_one_by_one():

@@ -1,5 +1,7 @@
 """Contact with walls: derivatives, balances, batches, the base, and walls that are far away."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,28 @@ def test_wrong_inputs_are_named():
     with pytest.raises(rj.InvalidInput, match="mechanism"):
         rj.solve_lengths(arm, arm.neutral_lengths, surroundings=around)
     assert rj.solve_lengths(CHAIN, REST, surroundings=around, base=(np.nan, 0, 0)).status is rj.Status.INVALID_INPUT
+
+
+def test_single_prepared_and_batched_solves_agree_to_the_last_bit_on_any_way():
+    """Single solves keep their memory: other walls, bases, starts and refused steps in between leave no trace."""
+    scenes = [rj.Surroundings([rj.Disc((12.0, 45.0), 4.0, stiffness=k)], rj.Sleeve(5.0)) for k in (5.0, 1e-3)]
+    prepared = [rj.prepare(CHAIN, tension_limits=LIMITS, surroundings=scene) for scene in scenes]
+    rng, poses, seen = np.random.default_rng(3), [None, None], set()
+    for _ in range(40):
+        number = int(rng.integers(2))
+        scene, base, command = scenes[number], rng.normal(0.0, [8.0, 2.0, 0.02]), REST + rng.normal(0.0, 1.0, 4)
+        start = poses[number] if rng.random() < 0.8 else None
+        settings = {"tension_limits": LIMITS, "surroundings": scene, "base": base}
+        single = rj.solve_lengths(CHAIN, command, start=start, **settings)
+        rows = rj.solve_lengths_batch(CHAIN, command[None], starts=start, **settings)
+        for other in (prepared[number].solve(command, start=start, base=base), rows.row(0)):
+            assert other.status == single.status and other.jumped == single.jumped
+            for name in ("joint_angles", "poses", "tensions", "wall_forces"):
+                assert np.array_equal(getattr(other, name), getattr(single, name)), name
+            for name in ("base", "gaps", "normals"):
+                assert np.array_equal(getattr(other.walls, name), getattr(single.walls, name)), name
+        copy = pickle.loads(pickle.dumps(single))
+        assert np.array_equal(copy.wall_forces, single.wall_forces) and copy.walls.parts == single.walls.parts
+        seen.add(single.status)
+        poses[number] = single if rng.random() < 0.8 else poses[number]
+    assert seen >= {rj.Status.CONVERGED, rj.Status.PASSED_THROUGH}
