@@ -39,7 +39,8 @@ import os, pathlib, time
 start = time.perf_counter()
 {program}
 seconds = time.perf_counter() - start
-print(f"{{seconds:.2f}} s, {{len(list(pathlib.Path(os.environ['ROLLINGJOINT_CACHE']).rglob('*.nbc')))}} kernels compiled")
+compiled = list(pathlib.Path(os.environ["ROLLINGJOINT_CACHE"]).rglob("*.nbc"))
+print(f"{{seconds:.2f}} s, {{len(compiled)}} kernels compiled")
 """
 
 

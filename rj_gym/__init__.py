@@ -5,7 +5,8 @@ rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
 arm with the tip not seen), versions -v1 of these last five with the motors of a rig, rj_gym/PitchYaw-v0 (rolling joints
 about alternating axes in space), rj_gym/Lumen-v0, rj_gym/Obstacles-v0 and rj_gym/HiddenWall-v0 (planar chains among
-walls), rj_gym/CurvatureDesign-v0 and rj_gym/CoDesign-v0, which need torch and are imported when one is first asked for.
+walls), and rj_gym/CurvatureDesign-v0 and rj_gym/CoDesign-v0, which need torch and are imported when one is first
+asked for.
 
 Modules:
     core: shared by all tasks.

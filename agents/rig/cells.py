@@ -40,7 +40,8 @@ class SerialCells:
     """
 
     def __init__(self, port: str, count: int, clock: LoopClock, baud: int = 115_200, timeout: float = 0.02) -> None:
-        from agents.rig.dynamixel import PORT_ERRORS, serial  # with the extra `rig`
+        from agents.rig.dynamixel import PORT_ERRORS  # isort: skip (it names the extra `rig`)
+        import serial
 
         self._errors = PORT_ERRORS
         self.count, self.clock, self._bad = count, clock, 0

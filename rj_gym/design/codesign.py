@@ -52,7 +52,7 @@ class CoDesignOptions(NamedTuple):
     force: Array | None = None
 
 
-class Pose(NamedTuple):
+class DesignPose(NamedTuple):
     """Mechanisms in equilibrium: joint angles (B, J) [rad], tips (B, 2 or 3), unstretched lengths (B, m) [mm].
 
     Further fields: tensions (B, m) [N], statuses (B,).
@@ -69,9 +69,9 @@ class Pose(NamedTuple):
         """Where there is an equilibrium, (B,)."""
         return self.status <= Status.AT_LIMIT
 
-    def rows(self, mask: NDArray[np.bool_]) -> Pose:
+    def rows(self, mask: NDArray[np.bool_]) -> DesignPose:
         """Some of them."""
-        return Pose(self.angles[mask], self.tip[mask], self.lengths[mask], self.tensions[mask], self.status[mask])
+        return DesignPose(self.angles[mask], self.tip[mask], self.lengths[mask], self.tensions[mask], self.status[mask])
 
 
 class CoDesignTask(Task):
@@ -189,14 +189,14 @@ class CoDesignTask(Task):
         place = np.minimum(share.astype(np.intp), config.targets - 1)
         return draws.targets[np.arange(len(place)), place]
 
-    def at_rest(self, designs: Array, tensions: Array | None = None) -> Pose:
+    def at_rest(self, designs: Array, tensions: Array | None = None) -> DesignPose:
         """Designs (B, d) without load, under the pretension or under tensions (B, m) [N]."""
         pulls = np.full((len(designs), self._tendons), self.config.pretension) if tensions is None else tensions
         with torch.no_grad():
             chain = self.space.chain(torch.as_tensor(designs))
             return _pose(solve_tensions(chain, torch.as_tensor(pulls)), chain)
 
-    def moved(self, designs: Array, lengths: Array, force: Array, angles: Array) -> Pose:
+    def moved(self, designs: Array, lengths: Array, force: Array, angles: Array) -> DesignPose:
         """Designs (B, d) with motors at unstretched lengths (B, m) [mm] under forces, searched from joint angles."""
         with torch.no_grad():
             chain = self.space.chain(torch.as_tensor(designs))
@@ -256,9 +256,9 @@ def blank_draws(config: CoDesignConfig, count: int) -> CoDesignDraws:
     return CoDesignDraws(*(np.zeros((count, *shape)) for shape in shapes))
 
 
-def _pose(found: Equilibria, chain: Any) -> Pose:
+def _pose(found: Equilibria, chain: Any) -> DesignPose:
     """Equilibria without the last digits, which depend on the batch."""
     lengths = found.lengths - found.tensions / chain.stiffnesses
     angles = np.round(found.joint_angles.numpy(), _ANGLE_DECIMALS)
     tip = origins(found)[..., -1, :]
-    return Pose(angles + 0.0, rounded(tip), rounded(lengths), rounded(found.tensions), found.status.numpy())
+    return DesignPose(angles + 0.0, rounded(tip), rounded(lengths), rounded(found.tensions), found.status.numpy())

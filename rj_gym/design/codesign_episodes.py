@@ -12,7 +12,7 @@ from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STATUS, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.design.codesign import TERMS, CoDesignDraws, CoDesignTask, Pose, blank_draws
+from rj_gym.design.codesign import TERMS, CoDesignDraws, CoDesignTask, DesignPose, blank_draws
 from rj_gym.design.render import DesignCanvas
 from rj_gym.rendering import INK, TARGET, Screen
 from rollingjoint.chain.chain import AnyChain
@@ -155,7 +155,7 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
             start, stop, _ = self.task.columns[name]
             self.readings[rows, start:stop] = values.reshape(len(rows), -1)
 
-    def _stand(self, rows: Rows, pose: Pose) -> None:
+    def _stand(self, rows: Rows, pose: DesignPose) -> None:
         self._put(rows, angles=pose.angles, tip=pose.tip, tensions=pose.tensions)
 
     def _errors(self, rows: Rows) -> Array:

@@ -1,7 +1,7 @@
 """Compiled kernels that a platform wheel brings, for families of processors; docs/install.md tells who gets them.
 
-`.ci/platform_wheel.py` compiles them into `rollingjoint/machine_code/FAMILY/`, beside a `target.json` that says what numba
-compiled for. They are found under the same hash of all sources as kernels in the user's cache, which go first.
+`.ci/platform_wheel.py` compiles them into `rollingjoint/machine_code/FAMILY/`, beside a `target.json` that says what
+numba compiled for. They are found under the same hash of all sources as kernels in the user's cache, which go first.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import llvmlite.binding
 import numba
@@ -46,7 +46,7 @@ def runnable(family: str) -> bool:
 
 @functools.cache
 def shipped() -> tuple[Shipped, ...]:
-    """What is installed with the package and runs here, the fastest first; nothing where numba was given a processor."""
+    """What the package brings and this processor runs, the fastest first; nothing where numba was told a processor."""
     if CHECKED or numba.config.CPU_NAME is not None:  # type: ignore[attr-defined]
         return ()
     folders = [FOLDER / family for family in FAMILIES if (FOLDER / family / TARGET).is_file() and runnable(family)]

@@ -12,10 +12,12 @@ Modules:
     loads: objectives under lateral forces: stiffness, load capacity, peak tension.
     margins: validity as smooth margins.
     mechanism_space: vectors to changes of one mechanism of any kind.
+    numbering: which dimensions of a mechanism change together.
     numbers: the numbers of designs, shared by links.
     objectives: bending shapes, tip travel and rotation, tendon travel.
     problem: a space, objectives and limits as a problem, and its evaluation.
     ranges: the fields of a design space, checked.
+    refined: curvatures in pieces that end at the knots of changes.
     settings: design spaces from plain settings.
     space: vectors to chains in the plane and back.
     spatial_objectives: stiffness and reach of the tip of chains in space, margins of their contact lines.

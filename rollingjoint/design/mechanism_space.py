@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from rollingjoint.chain.chain import AnyChain
@@ -24,11 +24,12 @@ from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as
 from rollingjoint.design.box import Array, DesignBox, NumberGroup, Range
 from rollingjoint.design.chain_margins import CHAIN_MARGINS, Kept, OwnLimits, Sampling
 from rollingjoint.design.faults import LEAST_CURVATURE, faults, spatial_faults
+from rollingjoint.design.numbering import CHANGES, Numbering
+from rollingjoint.design.refined import Profiles, profiles_of, refined
 from rollingjoint.differentiable import DifferentiableChain, DifferentiableSpatialChain
 from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_to_dict
-from rollingjoint.profile import Profile
 
 _LARGEST = {  # of a change, and its unit
     "convexity": (2.0, "1/mm"),
@@ -39,14 +40,11 @@ _LARGEST = {  # of a change, and its unit
     "half_width": (1000.0, "mm"),
     "joint_stiffness": (1e9, "N·mm/rad"),
 }
-CHANGES = tuple(_LARGEST)
-"""Names of the ranges of a `MechanismSpace`."""
-
-_IN_SPACE = "azimuth", "half_width", "joint_stiffness"
 _SHARE = 0.25  # of the least curvature or height: the changes by default
 _WALL = {2: 2.0, 3: 0.5}  # mm, and at most half of what the mechanism has
 _RADIUS = {2: 5.0, 3: 1.0}
 _NONE = (0.0, 0.0)
+_MOST_LESS = 0.95  # of a half width or a stiffness: how much less it may become
 _SMALLEST = 1e-6  # mm, of a limit
 
 
@@ -146,7 +144,7 @@ class MechanismSpace(DesignBox):
         """The ranges of changes, checked, with their defaults."""
         by_curvature, by_height = (
             round(_SHARE * value, 4) if value < math.inf else 0.0
-            for value in (self._own.mean_curvature, self._least_height)
+            for value in (self._own.mean_curvature, self._numbering.least_height)
         )
         ranges = {name: getattr(self, name) for name in CHANGES}
         if ranges["convexity"] is None:
@@ -155,8 +153,12 @@ class MechanismSpace(DesignBox):
             ranges["height"] = _NONE if by_curvature else (-by_height, by_height)
         for name, (largest, unit) in _LARGEST.items():
             ranges[name] = as_range(name, ranges[name], -largest, largest, unit=unit, error=ConfigError)
-            if ranges[name] != _NONE and not self._indices[name].size:
+            if ranges[name] != _NONE and not self._numbering.indices[name].size:
                 allowed = f"(0, 0): {self.base.title} such as this one has no {name.replace('_', ' ')} to change"
+                raise ConfigError(name, ranges[name], allowed)
+        for name, least in self._numbering.least_sizes.items():
+            if ranges[name][0] < -_MOST_LESS * least:
+                allowed = f"changes of {-_MOST_LESS * least:g} or more: the least of the mechanism is {least:g}"
                 raise ConfigError(name, ranges[name], allowed)
         return ranges
 
@@ -209,7 +211,7 @@ class MechanismSpace(DesignBox):
         """The changes, in the order of the vector."""
         groups = {}
         for name in CHANGES:
-            labels = self._labels[name]
+            labels = self._numbering.labels[name]
             if name == "convexity":
                 labels = tuple(f"{label} convexity at {place}" for label in labels for place in self._places)
             groups[name] = NumberGroup(tuple(f"{label} [{_LARGEST[name][1]}]" for label in labels), getattr(self, name))
@@ -287,161 +289,24 @@ class MechanismSpace(DesignBox):
         return torch.as_tensor(self.reference())
 
     @cached_property
-    def _profiles(self) -> list[tuple[Profile | None, Profile | None]]:
-        """(parent, child) profile of every link in the plane or joint in space, as the tables have them."""
-        if isinstance(self.base, RollingChain):
-            return [(link.parent.profile, link.child.profile) for link in self.base.links]
-        assert isinstance(self.base, SpatialChain)
-        joints: list[Any] = list(self.base.joints)
-        return [(j.parent.profile, j.child.profile) if hasattr(j, "child") else (None, None) for j in joints]
+    def _profiles(self) -> Profiles:
+        return profiles_of(self.base)
 
     @cached_property
-    def _rolling(self) -> NDArray[np.bool_]:
-        """Whether a surface of the tables rolls on another one, (rows, 2)."""
-        rolls = np.array([[profile is not None for profile in pair] for pair in self._profiles])
-        if isinstance(self.base, RollingChain):
-            rolls[0, 0] = rolls[-1, 1] = False
-        return rolls
+    def _refined(self) -> tuple[Tensor, Tensor, Tensor]:
+        return refined(self._profiles, self.knots, self.curve, self.symmetric)
+
+    @cached_property
+    def _numbering(self) -> Numbering:
+        return Numbering(self.base, self._tensors, self._profiles, self.alike, self.symmetric)
 
     @cached_property
     def _sampling(self) -> Sampling:
-        return Sampling.of(self._tensors, self._distinct_joints, self._distinct_links)
-
-    @cached_property
-    def _distinct_joints(self) -> list[int]:
-        """Rolling joints whose surfaces are not those of an earlier one."""
-        index = self._indices["convexity"]
-        plane = isinstance(self.base, RollingChain)
-        pairs = [(index[i, 1], index[i + 1, 0]) for i in range(len(index) - 1)] if plane else [*map(tuple, index)]
-        first: dict[Hashable, int] = {}
-        for joint, pair in enumerate(pairs):
-            if pair[0] >= 0:
-                first.setdefault(tuple(int(place) for place in pair), joint)
-        return list(first.values())
-
-    @cached_property
-    def _distinct_links(self) -> list[int]:
-        """In the plane, links that are not equal to an earlier one."""
-        if not isinstance(self.base, RollingChain):
-            return []
-        first: dict[Hashable, int] = {}
-        changes = self._numbered["convexity"][1].tolist(), self._numbered["height"][1].tolist()
-        for i, link in enumerate(self.base.links):
-            surfaces = ((surface.profile, surface.start, surface.angle) for surface in (link.parent, link.child))
-            first.setdefault((*surfaces, *changes[0][i], changes[1][i]), i)
-        return list(first.values())
+        return Sampling.of(self._tensors, self._numbering.distinct_joints, self._numbering.distinct_links)
 
     @cached_property
     def _own(self) -> OwnLimits:
         return self._sampling.own_limits(self._tensors)
-
-    @cached_property
-    def _half_heights(self) -> Array:
-        """Farthest surface or pivot of every link from its origin along the axis, (n,) [mm]."""
-        reach = np.zeros((2, self.n_links))
-        if isinstance(self.base, RollingChain):
-            ends = np.abs(self._tensors.starts[..., 1].numpy())
-            ends[0, 0] = ends[-1, 1] = 0.0  # they roll on nothing
-            return np.asarray(ends.max(1))
-        base = self._tensors
-        assert isinstance(base, DifferentiableSpatialChain)
-        ends = torch.where(base.hinges[:, None], base.hinge_points[..., 2], base.starts[..., 1]).abs().numpy()
-        reach[0, 1:], reach[1, :-1] = ends[:, 0], ends[:, 1]
-        return np.asarray(reach.max(0))
-
-    @property
-    def _least_height(self) -> float:
-        heights = self._half_heights[self._half_heights > 0.0]
-        return float(heights.min()) if heights.size else math.inf
-
-    @cached_property
-    def _numbered(self) -> dict[str, tuple[tuple[str, ...], NDArray[np.intp]]]:
-        """Labels of the changes, and for every entry of the tables the place of its change; -1 for none."""
-        base, n = self._tensors, self.n_links
-        plane = isinstance(self.base, RollingChain)
-        rows = "link" if plane else "joint"
-        sides = "parent", "child"
-        keys: dict[str, tuple[list[Any], list[str], tuple[int, ...]]] = {}
-        places = [(i, side) for i in range(len(self._profiles)) for side in (0, 1)]
-        surfaces = [
-            ((side, self._profiles[i][side], float(base.angles[i, side])) if self._rolling[i, side] else None)  # type: ignore[attr-defined]
-            for i, side in places
-        ]
-        if plane and self.alike:  # a surface that rolls on nothing goes with its equals
-            used = set(surfaces) - {None}
-            free = [(0, 0), (n - 1, 1)]
-            for i, side in free:
-                key = side, self._profiles[i][side], float(base.angles[i, side])  # type: ignore[attr-defined]
-                surfaces[2 * i + side] = key if key in used else None
-        keys["convexity"] = surfaces, [f"{rows} {i} {sides[side]}" for i, side in places], (len(self._profiles), 2)
-        heights: list[Any] = _rounded(self._half_heights)
-        keys["height"] = heights, [f"link {i} height" for i in range(n)], (n,)
-        keys |= self._numbered_holes()
-        joints = [f"joint {i}" for i in range(n - 1)]
-        if isinstance(base, DifferentiableSpatialChain):
-            contacts = (~base.hinges).tolist()
-            widths = [key if rolls else None for key, rolls in zip(_rounded(base.half_widths), contacts, strict=True)]
-            keys["azimuth"] = list(range(n - 1)), [f"{joint} azimuth" for joint in joints], (n - 1,)
-            keys["half_width"] = widths, [f"{joint} half width" for joint in joints], (n - 1,)
-            stiffnesses: list[Any] = _rounded(base.joint_stiffnesses)
-            keys["joint_stiffness"] = stiffnesses, [f"{joint} stiffness" for joint in joints], (n - 1,)
-        else:
-            keys |= {name: ([], [], (0,)) for name in _IN_SPACE}
-        alone = () if self.alike else CHANGES
-        return {name: _numbering(*keys[name], name in alone) for name in CHANGES}
-
-    def _numbered_holes(self) -> dict[str, tuple[list[Any], list[str], tuple[int, ...]]]:
-        """Keys, labels and shape of the changes of holes (m, n, 2); holes that bound no gap go with the other end."""
-        base, n = self._tensors, self.n_links
-        m, crossed = base.n_tendons, base.crossed.tolist()
-        radii, sides, on = self._hole_radii, self._hole_sides, self._on_surface
-        depths = np.abs(base.holes[..., -1].numpy())
-        found: dict[str, tuple[list[Any], list[str], tuple[int, ...]]] = {}
-        for name in ("hole_radius", "hole_depth"):
-            keys: list[Any] = []
-            labels = []
-            for j in range(m):
-                for i in range(n):
-                    for side in (0, 1):
-                        passes = i <= crossed[j] and not (name == "hole_depth" and on[j, i, side])
-                        moved = passes and (name == "hole_depth" or radii[j, i, side] > 0.0)
-                        bound = side if (i, side) not in ((0, 0), (crossed[j], 1)) else 1 - side
-                        mirrored = 0.0 if self.symmetric or not sides.size else float(sides[j, i, bound])
-                        equal = *_rounded((radii[j, i, bound], depths[j, i, bound])), mirrored
-                        own = j, i, bound
-                        keys.append((equal if self.alike else own) if moved else None)
-                        end = f"link {i} {('parent', 'child')[bound]}"
-                        labels.append(f"tendon {j} {end} {name.replace('_', ' ')}")
-            found[name] = keys, labels, (m, n, 2)
-        return found
-
-    @cached_property
-    def _on_surface(self) -> NDArray[np.bool_]:
-        shape = self._tensors.holes.shape[:-1]
-        return getattr(self._tensors, "on_surface", torch.zeros(shape, dtype=torch.bool)).numpy()
-
-    @cached_property
-    def _hole_radii(self) -> Array:
-        """Distance of every hole from the axis of its link, or from s = 0 along its surface, (m, n, 2) [mm]."""
-        across = np.linalg.norm(self._tensors.holes[..., :-1].numpy(), axis=-1)
-        arcs = getattr(self._tensors, "hole_arcs", None)
-        return np.asarray(across if arcs is None else np.where(self._on_surface, np.abs(arcs.numpy()), across))
-
-    @cached_property
-    def _hole_sides(self) -> Array:
-        """In the plane the sign of x, or of s, of every hole, (m, n, 2); in space empty."""
-        arcs = getattr(self._tensors, "hole_arcs", None)
-        if arcs is None:
-            return np.empty(0)
-        return np.sign(np.where(self._on_surface, arcs.numpy(), self._tensors.holes[..., 0].numpy()))
-
-    @property
-    def _labels(self) -> dict[str, tuple[str, ...]]:
-        return {name: labels for name, (labels, _) in self._numbered.items()}
-
-    @property
-    def _indices(self) -> dict[str, NDArray[np.intp]]:
-        return {name: index if (index >= 0).any() else index[:0] for name, (_, index) in self._numbered.items()}
 
     @property
     def _places(self) -> list[str]:
@@ -450,39 +315,9 @@ class MechanismSpace(DesignBox):
         shares = np.linspace(-1.0, 1.0, self.knots)[half if self.symmetric else 0 :]
         return ["the middle" if share == 0.0 else f"{share:g} of the half range" for share in shares.tolist()]
 
-    @cached_property
-    def _refined(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Breaks (rows, 2, p + 1), coefficients (rows, 2, p, k) and those per free knot, (rows, 2, p, k, f)."""
-        half = self.knots // 2
-        free = np.eye(self.knots)
-        if self.symmetric:
-            free = np.equal.outer(np.abs(np.arange(self.knots) - half), np.arange(half + 1)).astype(float)
-        make = Profile.spline if self.curve == "cubic" else Profile.samples
-        tables: list[tuple[Array, Array, list[Array] | None]] = []
-        for pair in self._profiles:
-            for profile in pair:
-                if profile is None:
-                    tables.append((np.array([-1.0, 1.0]), np.zeros((1, 1)), None))  # of a hinge, without effect
-                    continue
-                knots = np.linspace(*profile.limits, self.knots)
-                breaks = _union(profile.breaks, knots)
-                moved = [_on(make(_snapped(knots, breaks), column), breaks) for column in free.T]
-                tables.append((breaks, _on(profile, breaks), moved))
-        pieces = max(len(table[1]) for table in tables)
-        degrees = max(t.shape[1] for table in tables for t in (table[1], *(table[2] or ())))
-        rows = len(self._profiles)
-        breaks = np.stack([np.pad(b, (0, pieces + 1 - len(b)), "edge") for b, _, _ in tables])
-        coefficients = np.stack([_padded(c, pieces, degrees) for _, c, _ in tables])
-        spread = np.zeros((len(tables), pieces, degrees, free.shape[1]))
-        for place, (_, _, columns) in enumerate(tables):
-            for knot, column in enumerate(columns or ()):
-                spread[place, ..., knot] = _padded(column, pieces, degrees)
-        breaks, coefficients, spread = (t.reshape(rows, 2, *t.shape[1:]) for t in (breaks, coefficients, spread))
-        return torch.as_tensor(breaks), torch.as_tensor(coefficients), torch.as_tensor(spread)
-
     def _change(self, blocks: dict[str, Tensor], name: str) -> Tensor | float:
         """The change of every entry of a table, (B, ...); 0 where there is none."""
-        index = self._indices[name]
+        index = self._numbering.indices[name]
         if not index.size or getattr(self, name) == _NONE:
             return 0.0
         values = blocks[name]
@@ -546,30 +381,6 @@ class MechanismSpace(DesignBox):
         return dataclasses.replace(self._tensors, **tables)  # type: ignore[type-var]  # a dataclass
 
 
-def _numbering(
-    keys: list[Any], labels: list[str], shape: tuple[int, ...], alone: bool
-) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Labels of the distinct keys, and the place of every entry's key; -1 for None. `alone`: by place of the label."""
-    first: dict[Any, int] = {}
-    names: list[str] = []
-    index = []
-    for key, label in zip(keys, labels, strict=True):
-        if key is None:
-            index.append(-1)
-            continue
-        shared = label if alone else key
-        if shared not in first:
-            first[shared] = len(names)
-            names.append(label)
-        index.append(first[shared])
-    return tuple(names), np.array(index, np.intp).reshape(shape)
-
-
-def _rounded(values: Iterable[Any]) -> list[float]:
-    """Numbers to compare, as floats without their last digits."""
-    return [round(float(value), 9) for value in values]
-
-
 def _along(ends: Tensor, size: int) -> Tensor:
     """Vectors of this size with these last entries, (..., size)."""
     return torch.nn.functional.pad(ends[..., None], (size - 1, 0))
@@ -579,28 +390,3 @@ def _turned_about_z(axes: Tensor, angle: Tensor) -> Tensor:
     """Vectors (J, 3) turned about z by angles (B, J), (B, J, 3)."""
     cos, sin, (x, y, z) = angle.cos(), angle.sin(), axes.unbind(-1)
     return torch.stack([cos * x - sin * y, sin * x + cos * y, z.expand_as(cos)], -1)
-
-
-def _union(breaks: Array, knots: Array) -> Array:
-    """Breaks with the knots between them; a knot within 1e-9 of a break is that break."""
-    far = np.abs(knots[:, None] - breaks).min(1) > 1e-9
-    return np.sort(np.concatenate([breaks, knots[far]]))
-
-
-def _snapped(knots: Array, breaks: Array) -> Array:
-    return np.asarray(breaks[np.abs(knots[:, None] - breaks).argmin(1)])
-
-
-def _on(profile: Profile, breaks: Array) -> Array:
-    """Coefficients of a curvature in pieces between these breaks, which include its own, (p, k)."""
-    table = profile.coefficients
-    owner = np.clip(np.searchsorted(profile.breaks, breaks[:-1], side="right") - 1, 0, len(table) - 1)
-    shifts = breaks[:-1] - profile.breaks[owner]
-    degree = table.shape[1]
-    binomials = np.array([[math.comb(i, j) for j in range(degree)] for i in range(degree)], float)
-    lifted = np.maximum(np.subtract.outer(np.arange(degree), np.arange(degree)), 0)
-    return np.einsum("pi,ij,pij->pj", table[owner], binomials, shifts[:, None, None] ** lifted)
-
-
-def _padded(table: Array, pieces: int, degrees: int) -> Array:
-    return np.pad(table, ((0, pieces - len(table)), (0, degrees - table.shape[1])))

@@ -39,7 +39,6 @@ LOST = 10.0  # standard deviations: the residual where the model has no equilibr
 REACH, FINE_REACH = 0.05, 1e-4  # of differences in the search and at its end, in standard deviations of the beliefs
 DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
 _FAR = 3.0  # standard deviations: readings beyond count less
-_HOMED = 4.0  # mm
 _POOR = 3.0  # standard deviations of the first fit that are left: another start is tried
 _ENOUGH = 1e-6  # change of the cost at which the search ends, as a share of it
 _NORMAL = 1.4826  # standard deviation over median of the size, of a normal distribution
@@ -122,7 +121,8 @@ def identify_rig(
     Args:
         recording: of any length; it is thinned. mechanism: as designed; None: the recording's.
         kinds: names from RIG_KINDS; None: play, sheath, mu, stiffness, offsets and, where a tip was seen, surfaces.
-        beliefs: in place of those of RIG_KINDS. Those of offsets are about what the first readings say by default.
+        beliefs: in place of those of RIG_KINDS. Those of offsets are about 0 or about
+            the offsets that the first tensions mean, whichever fits better.
         loads, limits, first: as of RigModel.
         evaluations: of the model with its derivatives, at most. say: called at each.
     Raises:
@@ -139,18 +139,22 @@ def identify_rig(
     if kinds is None:
         surfaces = ["surfaces"] if recording.sees_tip and isinstance(chain, RIG_KINDS["surfaces"].mechanisms) else []
         kinds = [*DRIVES, *surfaces]
-    own = dict(beliefs or {})
+    own, kept = dict(beliefs or {}), recording.thinned(MOST_STEPS)
+    smooth_kinds = [name for name in kinds if name != "mu"]
     if "offsets" in kinds and "offsets" not in own:
-        own["offsets"] = replace(RIG_KINDS["offsets"].belief, mean=first_offsets(recording, chain, loads))
+        wide = RIG_KINDS["offsets"].belief
+        centres = [replace(wide, mean=mean) for mean in (0.0, first_offsets(recording, chain, loads))]
+        spaces = [RigSpace(chain, smooth_kinds, own | {"offsets": belief}) for belief in centres]
+        costs = [Misfit(RigModel(kept, each, loads, limits, first)).least_cost() for each in spaces]
+        own["offsets"] = centres[int(np.argmin(costs))]
     space = RigSpace(chain, kinds, own)
-    kept = recording.thinned(MOST_STEPS)
     misfit = Misfit(RigModel(kept, space, loads, limits, first))
     if not misfit.size:
         raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", "Move more.")
     before = misfit.rms(np.zeros(len(space)))
     start = None
     if "mu" in kinds and limits == (0.0, np.inf):  # where the search begins follows from a model without that friction
-        smooth = RigSpace(chain, [name for name in kinds if name != "mu"], own)
+        smooth = RigSpace(chain, smooth_kinds, own)
         fields = smooth.fields(Misfit(RigModel(kept, smooth, loads, limits, first)).best_fit(evaluations, say))
         start = space.vector(fields | {"mu": 0.0})
     start = misfit.best_fit(evaluations, say) if start is None else misfit.fitted(start, evaluations, say)
@@ -173,15 +177,14 @@ def designed_space(mechanism: AnyChain) -> tuple[RigSpace, Array]:
 
 
 def first_offsets(recording: RigRecording, chain: AnyChain, loads: Sequence[Load] = ()) -> Array:
-    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 where small, as of homed rigs."""
+    """Offsets that the first tensions would mean without sheaths, (m,) [mm]; 0 without tensions."""
     run = recording.runs[0]
     rows = np.flatnonzero(np.isfinite(run.tensions).all(axis=1) & (run.tensions > 0.0).all(axis=1))[:1]
     if not rows.size:
         return np.zeros(chain.n_tendons)
     solved = solve_tensions_batch(chain, run.tensions[rows], loads)
     free = unstretched_length(np.asarray(solved.lengths), run.tensions[rows], chain.stiffnesses)
-    offsets = np.asarray(free - run.motors[rows])[0]
-    return np.zeros_like(offsets) if np.abs(offsets).max() < _HOMED else offsets
+    return np.asarray(free - run.motors[rows])[0]
 
 
 class Misfit:
@@ -240,6 +243,14 @@ class Misfit:
 
     def starts(self) -> list[Array]:
         """Points of a grid over play, sheath friction and tautness, the best first: there are several minima."""
+        points = self._grid()
+        return [points[place] for place in np.argsort(self._costs(points), kind="stable")]
+
+    def least_cost(self) -> float:
+        """Cost of the best point of the grid."""
+        return float(self._costs(self._grid()).min())
+
+    def _grid(self) -> list[Array]:
         names, space, points = [name for name in GRID if name in self.space.kinds], self.space, []
         for values in product(*(GRID[name] for name in names)):
             vector = space.mean.copy()
@@ -247,8 +258,10 @@ class Misfit:
                 place = space.place(name)
                 vector[place] = value + (vector[place] if name == "offsets" else 0.0)
             points.append((np.clip(vector, space.low, space.high) - space.mean) / space.sd)
-        costs = np.sqrt(1.0 + (self.of_all(np.array(points)) / _FAR) ** 2).sum(axis=1)
-        return [points[place] for place in np.argsort(costs, kind="stable")]
+        return points
+
+    def _costs(self, points: list[Array]) -> Array:
+        return np.asarray(np.sqrt(1.0 + (self.of_all(np.array(points)) / _FAR) ** 2).sum(axis=1))
 
     def solvable(self, scaled: Array) -> bool:
         """Whether there is an equilibrium at any reading that counts."""

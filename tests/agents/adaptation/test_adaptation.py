@@ -105,9 +105,9 @@ def test_what_ends_early_is_not_compared_and_a_model_without_equilibria_counts_a
 
 def test_identification_without_a_camera_finds_play_friction_and_stiffness_and_leaves_surfaces(recording):
     told = []
-    found = identify(replace(recording, tips=None), NUMBER, evaluations=5, say=lambda: told.append(1))
+    found = identify(replace(recording, tips=None), NUMBER, evaluations=12, say=lambda: told.append(1))
     one, twin, space = robot(NUMBER), found.twin, Space()
-    assert found.residual < 0.3 * found.before and 1 <= len(told) <= 5
+    assert found.residual < 0.3 * found.before and 1 <= len(told) <= 16
     np.testing.assert_allclose(twin.play_mm, one.play_mm, atol=0.4)
     np.testing.assert_allclose(twin.sheath_friction, one.sheath_friction, atol=0.1)
     np.testing.assert_allclose(twin.stiffness, one.stiffness, atol=0.15)

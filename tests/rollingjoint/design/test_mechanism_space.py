@@ -235,6 +235,8 @@ def test_a_space_survives_a_process_boundary():
         ("pitch_yaw", {"tube_radius": 3.0}, "'holes'"),
         ("small_arm", {"convexity": (-0.1, 0.1)}, "has no convexity"),
         ("five_link", {"curve": "round"}, "curve"),
+        ("pitch_yaw", {"half_width": (-4.0, 0.0)}, "-3.8 or more"),
+        ("pitch_yaw", {"joint_stiffness": (-5.0, 0.0)}, "-1.9 or more"),
     ],
 )
 def test_wrong_spaces_are_refused(mechanism, settings, words):
