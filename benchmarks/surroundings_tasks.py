@@ -11,7 +11,6 @@ instrument sees is marked with a star. --film FILE.gif writes an animation of th
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from agents.controllers.among_walls import (
     FollowTheLeader,
     FreeSpacePlan,
     SearchedWay,
+    SeekForce,
     Still,
     WallController,
 )
@@ -37,9 +37,14 @@ CONTROLLERS: dict[str, Callable[[], WallController]] = {
     "feedback, free space": lambda: Feedback(aware=False),
     "feedback, contact*": lambda: Feedback(aware=True),
     "follow the leader*": FollowTheLeader,
+    "seek the force*": SeekForce,
     "searched way*": SearchedWay,
 }
-OF_LUMENS, OF_OTHERS = "follow the leader*", "searched way*"
+UNFIT = {
+    "Lumen": ("seek the force*", "searched way*"),
+    "Obstacles": ("follow the leader*", "seek the force*"),
+    "HiddenWall": ("follow the leader*",),
+}
 
 
 class Policy(WallController):
@@ -64,7 +69,7 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     envs = gymnasium.make_vec(env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings)
     observations, infos = envs.reset(seed=FIRST_SEED)
     controller.begin(envs.unwrapped, infos)
-    returns, early, begun = np.zeros(episodes), np.zeros(episodes, bool), time.process_time()
+    returns, early = np.zeros(episodes), np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
     for _ in range(envs.unwrapped.config.episode_steps):
@@ -83,8 +88,7 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     return (
         f"| {name} | {error.mean():.1f}, {np.median(error):.1f} | {100 * np.mean(error <= limit):.0f} % "
         f"| {peak.mean():.2f}, {np.percentile(peak, 95):.2f} | {100 * final['path_ratio'].mean():.0f} % "
-        f"| {100 * final['success'].mean():.0f} % | {returns.mean():.1f} | {early.sum()} "
-        f"| {time.process_time() - begun:.0f} s |"
+        f"| {100 * final['success'].mean():.0f} % | {returns.mean():.1f} | {early.sum()} |"
     )
 
 
@@ -118,17 +122,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
     env_id = f"rj_gym/{given.task}-v0"
-    unfit = OF_OTHERS if given.task == "Lumen" else OF_LUMENS
-    every = {name: make for name, make in CONTROLLERS.items() if name != unfit}
+    every = {name: make for name, make in CONTROLLERS.items() if name not in UNFIT[given.task]}
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
     policies = {f"policy {Path(name).name}": (lambda name=name: Policy(name)) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:
         settings: dict[str, Any] = {"families": [family]} if family else {}
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
         print(
-            "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended | |"
+            "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
         )
-        print("|---|--:|--:|--:|--:|--:|--:|--:|--:|")
+        print("|---|--:|--:|--:|--:|--:|--:|--:|")
         for name, make in (every | policies).items():
             print(row(env_id, name, make(), given.episodes, settings), flush=True)
     if given.film or given.picture:

@@ -115,6 +115,31 @@ class Feedback(WallController):
         return within(damped(rates, error))
 
 
+class SeekForce(WallController):
+    """Feedback to the target, and from `near` on the pull goes on until the wall presses with the wanted force.
+
+    Privileged: it is told the tip and the force of the wall. Of HiddenWall with the goal "touch".
+    """
+
+    gain, near = 0.4, 1.0  # mm/N in a step; mm
+
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
+        """The direction to go on in is that from the start to the target."""
+        self._way = infos["target"] - infos["tip"]
+        self._pressing = np.zeros(len(self._way), bool)
+
+    def act(self, envs: Any) -> Array:
+        """Both tendons of a pair move against each other: together they would only stiffen it."""
+        response: Response = envs.tangent()
+        pairs = np.kron(np.eye(envs.task.m // 2), [[1.0], [-1.0]])
+        rates, away = response.free_tip_rates @ pairs, response.target - response.tip
+        self._pressing |= np.hypot(*away.T) < self.near
+        onward = np.sign(np.einsum("bx,bxa->ba", self._way, rates))
+        lacking = (envs.config.touch_force - response.wall_force) / envs.config.action_scale_mm
+        press = self.gain * lacking[:, None] * onward
+        return within(np.where(self._pressing[:, None], press, damped(rates, away)) @ pairs.T)
+
+
 class FollowTheLeader(WallController):
     """Keeps every link and the nose on the centre line and the tip going along it.
 

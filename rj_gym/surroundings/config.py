@@ -54,8 +54,10 @@ class NoiseConfig(Settings):
     """Standard deviations of the errors of sensors, new in every step; only observations have them.
 
     Args:
-        position_mm: of links' places [mm]. angle: of links' angles [rad].
-        tension: of tendons [N]. force: of the insertion force [N].
+        position_mm: of links' places [mm].
+        angle: of links' angles [rad].
+        tension: of tendons [N].
+        force: of the insertion force [N].
     """
 
     _SECTION: ClassVar[str] = "noise."
@@ -231,7 +233,8 @@ class ObstaclesConfig(SurroundingsConfig):
     Args:
         discs: number of discs.
         disc_radius: range of their radii [mm].
-        stiffness: range of their stiffness [N/mm]. mu: their coefficient of friction.
+        stiffness: range of their stiffness [N/mm].
+        mu: their coefficient of friction.
         reach_mm: least distance of the target from the tip at the start [mm].
     """
 
@@ -255,8 +258,10 @@ class HiddenWallConfig(SurroundingsConfig):
 
     Args:
         goal: "touch": press with `touch_force` at the target's place on the wall; "reach": a target along the wall.
-        touch_force: force of the tip at the target [N]. force_margin: how far from it a success may be [N].
-        stiffness: range of the wall's stiffness, log-uniform [N/mm]. mu: its coefficient of friction.
+        touch_force: force of the tip at the target [N].
+        force_margin: how far from it the force of a success may be [N].
+        stiffness: range of the wall's stiffness, log-uniform [N/mm].
+        mu: its coefficient of friction.
         observe_force: whether the observation has the normal force of the wall.
     """
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.surroundings.config import FAMILIES, HiddenWallConfig, LumenConfig, ObstaclesConfig
-from rj_gym.surroundings.scenes import Scene, centre_points
+from rj_gym.surroundings.scenes import DrawnScene, centre_points
 from rollingjoint import solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput
@@ -36,7 +36,7 @@ NO_LINE = np.zeros((0, 2))
 
 def lumen_scene(
     config: LumenConfig, tip: float, rng: Rng, lumen: Lumen | None = None, depth: float | None = None
-) -> Scene:
+) -> DrawnScene:
     """A lumen around an instrument whose tip is at the height `tip` at rest, and a target in it.
 
     Args:
@@ -76,10 +76,10 @@ def lumen_scene(
         allowed = f"a lumen wider than the sleeve, a depth up to {config.depth[1] + AHEAD[-1]:g} mm"
         raise InvalidInput("options", (lumen.radius(begin), depth), allowed)
     values |= {"radius": float(lumen.radius(begin)), "stiffness": lumen.stiffness, "mu": mu, "depth": depth}
-    return Scene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
+    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
 
 
-class Drawn(Protocol):
+class DrawnTask(Protocol):
     """A task, as far as drawing needs it."""
 
     mechanism: RollingChain
@@ -96,15 +96,15 @@ class Drawn(Protocol):
         """The equilibria at the start."""
 
 
-def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
-    """Targets behind discs, found by a search: a disc is between tip and target, and one way of the commands goes around.
+def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[DrawnScene]:
+    """Targets behind discs, found by a search: a disc is before each, and one way of the commands leads there.
 
-    That way goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
+    It goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
     """
     config: ObstaclesConfig = task.config
     if fixed:
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
-    scenes: list[Scene | None] = [None] * len(rngs)
+    scenes: list[DrawnScene | None] = [None] * len(rngs)
     vias = np.array([_pulls(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
     out, _ = _free_way(task, [vias])
     for _ in range(_MOST_DRAWS):
@@ -117,7 +117,7 @@ def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any
         ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
         back, _ = _free_way(task, [ends], np.tile(vias, (len(tried), 1)))
         back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
-        found: list[tuple[int, Scene]] = []
+        found: list[tuple[int, DrawnScene]] = []
         for row, lane in enumerate(tried):
             far = np.hypot(*(straight[-1, row, -1, :2] - straight[0, row, -1, :2])) >= config.reach_mm
             legs = np.abs(vias - task.rest).max(1) + np.abs(goals[row] - vias).max(1)
@@ -135,12 +135,14 @@ def scenes_among_discs(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any
     raise InvalidInput("obstacles", "none drawn", "targets behind discs", "Take fewer or smaller discs.")
 
 
-def _scene_of_discs(config: ObstaclesConfig, discs: Sequence[Disc], target: Array, goal: Array, via: Array) -> Scene:
+def _scene_of_discs(
+    config: ObstaclesConfig, discs: Sequence[Disc], target: Array, goal: Array, via: Array
+) -> DrawnScene:
     values = {"stiffness": discs[0].stiffness, "mu": config.mu, "goal": goal, "via": via}
-    return Scene(discs, config.mu, target, NO_LINE, 0.0, values)
+    return DrawnScene(discs, config.mu, target, NO_LINE, 0.0, values)
 
 
-def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[Scene]:
+def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[DrawnScene]:
     """Half planes across the way of a straight change of the commands; the target is where the tip presses on that way.
 
     Of a "touch" with the force of the settings; of a "reach" with a drawn one, at most 0.8 of the limit.
@@ -148,7 +150,7 @@ def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any])
     config: HiddenWallConfig = task.config
     if fixed:
         return [_scene_of_a_wall(config, fixed["wall"], fixed["target"], task.rest) for _ in rngs]
-    scenes: list[Scene | None] = [None] * len(rngs)
+    scenes: list[DrawnScene | None] = [None] * len(rngs)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
@@ -169,9 +171,9 @@ def scenes_at_a_wall(task: Drawn, rngs: Sequence[Rng], fixed: Mapping[str, Any])
     raise InvalidInput("wall", "none drawn", "a wall that the tip can press on", "Take a smaller force.")
 
 
-def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, goal: Array) -> Scene:
+def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, goal: Array) -> DrawnScene:
     values = {"normal": np.array(wall.normal), "offset": wall.offset, "stiffness": wall.stiffness}
-    return Scene((wall,), config.mu, target, NO_LINE, 0.0, values | {"mu": config.mu, "goal": goal})
+    return DrawnScene((wall,), config.mu, target, NO_LINE, 0.0, values | {"mu": config.mu, "goal": goal})
 
 
 _WAY = 12  # steps of a change of the commands without walls
@@ -179,7 +181,7 @@ GOALS, VIAS, MOST_STEPS = 4, 32, 45
 """Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
 
 
-def _pulls(task: Drawn, rng: Rng) -> Array:
+def _pulls(task: DrawnTask, rng: Rng) -> Array:
     """Random commands of antagonistic pairs of tendons: a segment bends by its own pair, and by those that pass it."""
     pairs = task.mechanism.n_tendons // 2
     own = rng.uniform(-7.0, 7.0, pairs)
@@ -188,7 +190,7 @@ def _pulls(task: Drawn, rng: Rng) -> Array:
     return task.rest + pulls
 
 
-def _free_way(task: Drawn, ends: Sequence[Array], begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
+def _free_way(task: DrawnTask, ends: Sequence[Array], begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Poses on the way through commands `ends`, (B, m) each, without walls, (steps + 1, B, n, 3); if all were found.
 
     begin: commands at the beginning, default those of the start, (B, m).
@@ -205,15 +207,15 @@ def _free_way(task: Drawn, ends: Sequence[Array], begin: Array | None = None) ->
     return np.array(poses), good
 
 
-def _free(task: Drawn, commands: Array, before: Any) -> Any:
+def _free(task: DrawnTask, commands: Array, before: Any) -> Any:
     return solve_lengths_batch(task.mechanism, commands, (), before, task.config.tension_range)
 
 
-def _discs_on_the_way(task: Drawn, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
+def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
     """Discs, and the number of a way around, (steps, ways, n, 3), that is clear of all of them; None: no such found.
 
-    The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of the
-    way, (2, n, 3).
+    The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of
+    the way, (2, n, 3).
     """
     config: ObstaclesConfig = task.config
     bars = Sleeve(config.sleeve).rows(task.mechanism.links).bars
@@ -257,7 +259,7 @@ def _room(axes: Axes, disc: Disc) -> Array:
     return room
 
 
-def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
+def _reached(task: DrawnTask, scenes: Sequence[DrawnScene]) -> list[bool]:
     """Whether targets are reached by way of other commands, in steps of an episode, touching with 1 N at most."""
     if not scenes:
         return []
@@ -268,7 +270,7 @@ def _reached(task: Drawn, scenes: Sequence[Scene]) -> list[bool]:
     return list(around.ok & (errors <= 1.0) & (peak <= min(1.0, task.config.force_limit)))
 
 
-def _driven(task: Drawn, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
+def _driven(task: DrawnTask, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
     """The equilibria at the end of a way through commands, in steps of an episode, and the largest forces, (B,) [N]."""
     solution, feed = task.at_rest(walls, ends[0]), np.zeros(len(ends[0]))
     peak, largest = solution.walls.normals.max(axis=1, initial=0.0), task.config.action_scale_mm
@@ -291,7 +293,7 @@ def steps_through(ends: Sequence[Array], largest: float) -> list[Array]:
     return [commands for leg in every for commands in leg]
 
 
-def _straight(task: Drawn, walls: Any, goals: Array) -> Any:
+def _straight(task: DrawnTask, walls: Any, goals: Array) -> Any:
     """The equilibria on a straight change of the commands from the start, (B, m)."""
     begin = np.repeat(task.rest[None], len(goals), axis=0)
     solution, feed = task.at_rest(walls, begin), np.zeros(len(goals))
@@ -301,13 +303,13 @@ def _straight(task: Drawn, walls: Any, goals: Array) -> Any:
         yield solution
 
 
-def _tables(task: Drawn, walls: Sequence[Sequence[Any]]) -> Any:
+def _tables(task: DrawnTask, walls: Sequence[Sequence[Any]]) -> Any:
     """The tables of walls of several episodes, which have equally many of each kind."""
     each = [task.surroundings(one, task.config.mu).arrays(task.mechanism) for one in walls]
     return type(each[0])(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
 
 
-def _wall_across(task: Drawn, places: Array, turn: float, share: float, stiffness: float) -> HalfPlane:
+def _wall_across(task: DrawnTask, places: Array, turn: float, share: float, stiffness: float) -> HalfPlane:
     """A wall that the tip meets at a share of its way, places (K, n, 2), turned from the direction of the way."""
     at = round(share * (len(places) - 1))
     way = places[at, -1] - places[at - 1, -1]
@@ -320,7 +322,7 @@ def _wall_across(task: Drawn, places: Array, turn: float, share: float, stiffnes
 _HALVINGS = 10
 
 
-def _pressing(task: Drawn, walls: Sequence[HalfPlane], goals: Array, forces: Array) -> tuple[Any, Array, Array]:
+def _pressing(task: DrawnTask, walls: Sequence[HalfPlane], goals: Array, forces: Array) -> tuple[Any, Array, Array]:
     """Where the last link alone presses with a force first, on a straight change of the commands.
 
     Returns whether there is such a place, (B,), the tip there, (B, 2), and the commands there, (B, m).

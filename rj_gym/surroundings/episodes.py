@@ -161,7 +161,6 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         feed, tips = solution.walls.base[:, 1], solution.tip
         poses = solution.poses.copy()
         poses[..., 1] += feed[:, None]
-        force = solution.walls.normals.max(axis=1, initial=0.0)
         new = {
             "poses": poses,
             "tip": np.stack([tips[:, 0], tips[:, 1] + feed, 0.0 * feed], -1),
@@ -169,7 +168,7 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
             "commands": unstretched_length(solution.lengths, solution.tensions, task.mechanism.stiffnesses),
             "feed": feed,
             "insertion_force": solution.insertion_force,
-            "wall_force": force,
+            "wall_force": task.forces(solution),
         }
         for name, values in new.items():
             read(name)[good] = values[good]

@@ -20,7 +20,7 @@ INDICES = {"points": slice(0, 1), "bars": slice(0, 1), "pieces": slice(8, 9)}
 """Columns of the tables of walls that kernels take for numbers of links and lumens."""
 
 
-class Scene(NamedTuple):
+class DrawnScene(NamedTuple):
     """The surroundings of one episode, in the frame of the base at the start.
 
     Fields: the walls and their coefficient of friction; the target of the tip, (2,) [mm]; points of the way to it,
@@ -37,7 +37,7 @@ class Scene(NamedTuple):
 
 
 class Scenes(NamedTuple):
-    """The scenes of B episodes: tables of walls (rollingjoint's Walls), the fields of Scene with a leading axis B.
+    """The scenes of B episodes: tables of walls (rollingjoint's Walls), the fields of DrawnScene with a leading axis B.
 
     first_way: way to the target at the start, (B,) [mm]. noise: standard normal numbers of every step and noisy entry,
     (B, T + 1, E).

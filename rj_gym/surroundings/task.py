@@ -18,7 +18,7 @@ from rj_gym.surroundings.config import HiddenWallConfig, LumenConfig, ObstaclesC
 from rj_gym.surroundings.drawing import lumen_scene, scenes_among_discs, scenes_at_a_wall
 from rj_gym.surroundings.observation import noisy_entries, surroundings_observation_entries
 from rj_gym.surroundings.options import MOST_PIECES, lumen_options, obstacles_options, wall_options
-from rj_gym.surroundings.scenes import SPACING, Scene, Scenes, along, padded, places
+from rj_gym.surroundings.scenes import SPACING, DrawnScene, Scenes, along, padded, places
 from rollingjoint import Disc, HalfPlane, Lumen, Sleeve, Surroundings, solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
@@ -40,6 +40,7 @@ class Response(NamedTuple):
     scenes: Scenes  # with the targets, (B, 2), and the walls
     commands: Array  # (B, m) mm
     feed: Array  # (B,) mm
+    wall_force: Array  # largest normal force of any contact, (B,) N
     pose_rates: Array  # d poses / d action, (B, n, 3, a)
     free_tip_rates: Array  # d tip / d action without the walls at this pose and these tensions, (B, 2, a)
 
@@ -165,6 +166,12 @@ class SurroundingsTask(Task):
         """The equilibria under commands, (B, m) [mm], without walls, in the frame of the base."""
         return solve_lengths_batch(self.mechanism, commands, (), before, self.config.tension_range)
 
+    def forces(self, solution: Any) -> Array:
+        """The largest normal force of any contact in every lane, (B,) [N]."""
+        if solution.walls is None:
+            return np.zeros(len(solution.poses))
+        return np.asarray(solution.walls.normals.max(axis=1, initial=0.0))
+
     def response(self, solution: Any, feed: Array, scenes: Scenes) -> Response:
         """How equilibria at these feeds, (B,) [mm], answer actions.
 
@@ -177,7 +184,7 @@ class SurroundingsTask(Task):
         commands = unstretched_length(solution.lengths, solution.tensions, self.mechanism.stiffnesses)
         free_rates = self._pose_rates(free)
         rates = free_rates if free is solution else self._pose_rates(solution)
-        return Response(poses, scenes, commands, feed.copy(), rates, free_rates[:, -1, :2])
+        return Response(poses, scenes, commands, feed.copy(), self.forces(solution), rates, free_rates[:, -1, :2])
 
     def _pose_rates(self, solution: Any) -> Array:
         """d poses in the frame of the base at the start / d action, (B, n, 3, a)."""
@@ -220,7 +227,7 @@ class SurroundingsTask(Task):
         return bool(self.config.mu)
 
     @abstractmethod
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         """A scene per generator."""
 
     @abstractmethod
@@ -263,7 +270,7 @@ class LumenTask(SurroundingsTask):
     def _rubs(self, walls: Any) -> bool:
         return self.config.family_mu(self.config.families[0]) > 0.0
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         tip = float(self.mechanism.poses(self.mechanism.neutral_angles)[-1, 1])
         return [lumen_scene(self.config, tip, rng, **fixed) for rng in rngs]
 
@@ -280,7 +287,7 @@ class ObstaclesTask(SurroundingsTask):
         """The values that the options of a reset fix; raises InvalidInput for unusable ones."""
         return obstacles_options(options, self.config.discs)
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         return scenes_among_discs(self, rngs, fixed)
 
     def _sample_walls(self) -> Sequence[Any]:
@@ -309,7 +316,7 @@ class HiddenWallTask(SurroundingsTask):
             good &= np.abs(force - self.config.touch_force) <= self.config.force_margin
         return good
 
-    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[Scene]:
+    def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:
         return scenes_at_a_wall(self, rngs, fixed)
 
     def _sample_walls(self) -> Sequence[Any]:
