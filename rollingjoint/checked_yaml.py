@@ -112,10 +112,10 @@ def parse_yaml(text: str, where: str) -> object:
 
 def read_yaml(path: Path) -> object:
     """Content of a YAML file; as parse_yaml, and ConfigError for a file that cannot be read."""
-    return parse_yaml(read_text(path, "YAML text"), str(path))
+    return parse_yaml(text_of(path, "YAML text"), str(path))
 
 
-def read_text(path: Path, kind: str) -> str:
+def text_of(path: Path, kind: str) -> str:
     """Text of a file of at most LARGEST_FILE bytes; ConfigError, which names its kind, for one that cannot be read."""
     try:
         if path.exists() and not path.is_file():

@@ -9,11 +9,13 @@ Modules:
     jacobian_feedback: damped resolved rate.
     smith_predictor: the same on the pose that the model predicts from a late picture.
     predictive: the same under the estimated load, and model-predictive control over one step.
-    mpc: model-predictive control over a receding horizon. horizon: its plans, compiled.
+    mpc: model-predictive control over a receding horizon.
+    horizon: its plans, compiled.
     filters: banks of Kalman filters.
     filter_feedback: Jacobian feedback, and predictive control, on their estimates.
     smoother: Jacobian feedback on the estimate of a full-information smoother.
     arm_smoother: the smoother of an arm, from the settings of its task.
+    among_walls: feedback and plans in the tasks among walls.
     privileged_feedback: Jacobian feedback on the true state.
     policy: a model of Stable-Baselines3.
     residual: a controller and a learned policy that adds to its actions.

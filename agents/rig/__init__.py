@@ -13,7 +13,6 @@ Modules:
     settings: the file of a rig, and its calibration.
     dynamixel: Dynamixel XM430-W350 by the manufacturer's SDK.
     cells: load cells behind a serial amplifier.
-    command: rj rig.
     simulated: servos and load cells in software behind pseudo-terminals.
 
 This package imports no modules; dynamixel and cells need the extra `rig`.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.checked_yaml import mapping, number, numbers, read_text, read_yaml
+from rollingjoint.checked_yaml import mapping, number, numbers, read_yaml, text_of
 from rollingjoint.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def given_of(columns: Mapping[str, Array], given: str) -> Array | None:
 
 
 def _from_csv(source: str, valid: list[str]) -> dict[str, Array]:
-    text = read_text(Path(source), "CSV text").removeprefix("\ufeff")
+    text = text_of(Path(source), "CSV text").removeprefix("\ufeff")
     head, *rows = [row for row in csv.reader(io.StringIO(text)) if row] or [[]]
     mapping(f"{source}: columns", dict.fromkeys(name.strip() for name in head), valid)
     columns: dict[str, list[float]] = {name.strip(): [] for name in head}

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-import pty
 import select
 import struct
 import threading
-import tty
 from collections.abc import Callable
 from typing import Any
 
@@ -64,6 +62,9 @@ class SimulatedBus:
         self.watched: list[Callable[[int, int, Servo], None]] = []
         self._time, self.received, self._sequence, self._last_line = clock.now(), 0, 0, b""
         self._stream, self._cell_rest = PacketStream(), b""
+        import pty  # Windows has none
+        import tty
+
         (self._bus, bus_end), (self._cell, cell_end) = pty.openpty(), pty.openpty()
         self._ends, self._wake = [bus_end, cell_end], os.pipe()
         for end in (self._bus, bus_end, self._cell, cell_end):

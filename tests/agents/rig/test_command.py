@@ -10,7 +10,7 @@ import yaml
 
 from agents import adapt
 from agents.policies.loading import load_policy
-from agents.rig.command import main
+from agents.rig.__main__ import main
 from agents.rig.settings import KEYS, load_rig
 from rollingjoint.cli import main as rj
 from rollingjoint.errors import ConfigError
