@@ -17,6 +17,7 @@ MODULES = (
     "rollingjoint.identify",
     "rollingjoint.inverse",
     "rollingjoint.plan",
+    "rollingjoint.estimate",
     "rollingjoint.plotting",
     "rollingjoint.io.mechanism_file",
     "rollingjoint.io.surroundings_file",

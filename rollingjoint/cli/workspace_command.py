@@ -10,7 +10,7 @@ import numpy as np
 
 from rollingjoint.cli.case_options import add_loads, add_tension_limits, loads_of, tension_limits_of
 from rollingjoint.inverse import PREFERENCES, Workspace, workspace
-from rollingjoint.inverse.workspace import CELLS
+from rollingjoint.inverse.reachable import CELLS
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.tables import text_table
 

@@ -17,7 +17,8 @@ from rollingjoint.errors import InvalidInput
 Array = NDArray[np.float64]
 Range = tuple[float, float]
 
-LARGEST_TILT = 1.2  # rad: z of the direction of gravity follows from x and y, as long as it is not near 0
+LARGEST_TILT = 1.2
+"""The largest tilt of gravity [rad]: z of its direction follows from x and y, as long as it is not near 0."""
 _SMALLEST_MU = 1e-5  # of the holes: how far a tendon has turned in them follows from their grip
 
 

@@ -3,16 +3,16 @@
 Modules:
     constrained: least squares under linear inequalities.
     goal: links and where they should be, in the form of the kernels.
+    reachable: where the tip can be, and how well it moves, presses and holds there.
     result: results of the functions.
     search: the functions.
     starts: equilibria to start from.
     steps: a step by solves of the whole model, among walls and with friction.
     warm: a single search from a known equilibrium.
-    workspace: where the tip can be, and how well it moves, presses and holds there.
 """
 
+from rollingjoint.inverse.reachable import Workspace, workspace
 from rollingjoint.inverse.result import Reach, ReachStatus
 from rollingjoint.inverse.search import PREFERENCES, all_solutions, reach, reach_batch
-from rollingjoint.inverse.workspace import Workspace, workspace
 
 __all__ = ["PREFERENCES", "Reach", "ReachStatus", "Workspace", "all_solutions", "reach", "reach_batch", "workspace"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import naming_extras
-from rollingjoint.inverse.workspace import Workspace
+from rollingjoint.inverse.reachable import Workspace
 from rollingjoint.plotting.parts import LINK_COLOR
 
 if TYPE_CHECKING:
