@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     replaying = command("replay", _replay, "recorded motors through the model, beside what was measured", False)
     replaying.add_argument("recording", type=Path, metavar="FILE", help="a recording")
     replaying.add_argument("--identified", type=Path, metavar="FOLDER", help="of rj identify (default: as designed)")
+    replaying.add_argument("--mechanism", metavar="NAME", help="preset or file (default: as the recording says)")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: int(arguments.run(arguments)), extra="rig")
 
@@ -145,20 +146,20 @@ def _replay(arguments: argparse.Namespace) -> int:
     import numpy as np
 
     from rollingjoint.identify import read_recording
-    from rollingjoint.identify.rig import Misfit, designed_space
+    from rollingjoint.identify.rig import Misfit, designed_space, mechanism_of
     from rollingjoint.identify.rig_files import load_identified
     from rollingjoint.identify.twin import RigModel
+    from rollingjoint.io.mechanism_file import load_mechanism
 
     recording = read_recording(arguments.recording)
-    if recording.mechanism is None:
-        raise ConfigError("mechanism", None, "a recording that names its mechanism")
+    mechanism = mechanism_of(recording, load_mechanism(arguments.mechanism) if arguments.mechanism else None)
     if arguments.identified:
-        space, values = load_identified(arguments.identified, recording.mechanism)
+        space, values = load_identified(arguments.identified, mechanism)
     else:
-        space, values = designed_space(recording.mechanism)
+        space, values = designed_space(mechanism)
     misfit = Misfit(RigModel(recording, space))
     errors = misfit.errors(((values - space.mean) / space.sd)[None])
-    print(f"{recording.steps} steps in {len(recording.runs)} runs, {len(recording.events)} events")
+    print(f"{recording.steps} steps in {len(recording.runs)} run(s), {len(recording.events)} event(s)")
     for name, unit in (("tension", "N"), ("position", "mm")):
         sizes = np.abs(errors[name][np.isfinite(errors[name])])
         if errors[name].size:

@@ -50,7 +50,7 @@ class SerialCells:
         try:
             self._port = serial.Serial(port, baud, timeout=timeout)
         except serial.SerialException as error:
-            raise BusLost(f"load cells at {port}: {error}") from error
+            raise BusLost(f"load cells: {error.strerror or error}; is cells.port of the rig's file right?") from error
 
     def read(self) -> RigReading:
         """Tensions [N]; raises RigError after more than three wrong answers, BusLost without a port."""

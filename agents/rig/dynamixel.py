@@ -37,10 +37,7 @@ LEAST_WATCHDOG_STEPS = 3.0
 
 _RETURN_DELAY, _MODE, _CURRENT_POSITION = 9, 11, 5
 _CURRENT_LIMIT, _TORQUE, _HARDWARE_ERROR, _WATCHDOG, _GOAL_CURRENT, _GOAL, _POSITION = 38, 64, 70, 98, 102, 116, 132
-_FIRST, _SIZE = (
-    _TORQUE,
-    72,
-)  # the block that every reading has: torque, error, watchdog, goal, counter, current, position
+_FIRST, _SIZE = _TORQUE, 72  # the block of every reading: torque, error, watchdog, goal, counter, current, position
 _TICK, _CURRENT = 120, 126
 _ALERT, _CRC = 0x80, 3
 _TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
@@ -153,7 +150,8 @@ class Dynamixels:
             if not self.port.setBaudRate(settings.baud):
                 raise BusLost(f"{settings.port}: no baud rate of {settings.baud}")
         except PORT_ERRORS as error:
-            raise BusLost(f"{settings.port}: {error}") from error
+            words = getattr(error, "strerror", None) or error
+            raise BusLost(f"motors: {words}; is motors.port of the rig's file right?") from error
 
     def connect(self) -> None:
         """Check every motor, and configure it; torque goes off only where the mode has to change."""
@@ -321,11 +319,6 @@ class Dynamixels:
         self.handler.reboot(self.port, ident)
         self.ticks = None
         self._counters.pop(ident, None)
-
-    def relax(self) -> None:
-        """Torque off: tendons run out, and contacts that no tendon presses come apart."""
-        for ident in self.ids:
-            self._set(ident, _TORQUE, 1, 0)
 
     def close(self) -> None:
         """Leave the port. Motors go on holding, without watchdogs, which would not know that the loop has ended."""

@@ -10,14 +10,14 @@ import numpy as np
 
 from agents.rig.guard import GuardSettings, RigGuard
 from agents.rig.pace import LoopClock, Pace
-from agents.rig.protocols import Array, RigError, RigMotors, RigPoses, RigReading, RigTensions, Stopped
+from agents.rig.protocols import Array, RigError, RigMotors, RigPoses, RigReading, RigTensions
 from rollingjoint.checks import as_integer
 from rollingjoint.identify import RecordingWriter
 
 
 @dataclass(frozen=True)
 class RigState:
-    """Readings after a step; tip: (d,) [mm], None where it was not seen; late: of the step [s]."""
+    """Readings after a step; tip: (d,) [mm], None where it was not seen; late: the largest of the step's looks [s]."""
 
     t: float
     motors: Array
@@ -81,7 +81,7 @@ class Rig:
         """Begin a run of the recording: goals where motors are, and a first line."""
         self.run = run
         self._read()
-        self.goal = self._motor_reading.values.copy()
+        self.goal, self._late = self._motor_reading.values.copy(), 0.0
         self.pace.start()
         self._log()
         return self.state
@@ -96,30 +96,30 @@ class Rig:
         told: list[str] = []
         late = 0.0
         for look in range(1, self.looks + 1):
-            self._look(begin + (wanted - begin) * look / self.looks, told)
-            late = max(late, self._late)
+            late = max(late, self._look(begin + (wanted - begin) * look / self.looks, told))
         self._late = late
         event = "guard: " + "; ".join(dict.fromkeys(told)) if told else None
         self._log(event=event, goal=self.goal, **others)
         return self.state
 
-    def _look(self, goal: Array, told: list[str]) -> None:
+    def _look(self, goal: Array, told: list[str]) -> float:
+        """Send a part of a goal, and read; returns how late the next look begins [s]."""
         try:
             now = self.clock.now()
             self.goal = self.guard.passed(goal, self.goal, self._motor_reading, self._tension_reading, now)
             told += self.guard.interventions
             self.motors.write(self.goal)
-            self._late = self.pace.wait()
+            late = self.pace.wait()
             self._read()
         except (RigError, KeyboardInterrupt) as error:
             held = self.motors.hold()
             self._log_event(f"{type(error).__name__}: {error}; " + ("motors hold" if held else "hold not confirmed"))
             raise
+        return late
 
     def _read(self) -> None:
         self._motor_reading, self._tension_reading = self.motors.read(), self.tensions.read()
         self._tip: RigReading | None = None if self.poses is None else self.poses.read()
-        self._late = 0.0
 
     def _log(self, **others: Any) -> None:
         if self.writer is not None:
@@ -140,6 +140,3 @@ class Rig:
         self.tensions.close()
         if self.writer is not None:
             self.writer.close()
-
-
-__all__ = ["Rig", "RigState", "Stopped"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,12 @@ from rollingjoint.checks import as_boolean, as_integer, as_positive
 from rollingjoint.errors import ConfigError
 from rollingjoint.identify import RecordingWriter
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.transmission import unstretched_length
 
 KEYS = ("mechanism", "rate", "looks", "motors", "cells", "guard", "simulated", "offsets", "identified")
 MOTOR_KEYS = ("port", "baud", "ids", "signs", "radius_mm", "current_limit", "watchdog_s")
 CELL_KEYS = ("port", "baud")
 SIMULATED_KEYS = ("robot", "generation", "wall")
-CALIBRATION = ".calibration.json"
+CALIBRATION, CALIBRATION_KEYS = ".calibration.json", ("zero_ticks", "zero_mm", "signs", "radius_mm", "tension")
 
 
 @dataclass(frozen=True)
@@ -71,13 +70,14 @@ class RigSettings:
         if not self.calibration_path.is_file():
             hint = f"rj rig home {self.path} makes it."
             raise ConfigError("calibration", str(self.calibration_path), "the calibration of this rig", hint)
-        content = mapping(
-            str(self.calibration_path), read_json(self.calibration_path), CALIBRATION_KEYS, ("zero_ticks",)
-        )
-        if list(content["signs"]) != list(signs) or content["radius_mm"] != radius:
-            raise ConfigError("calibration", str(self.calibration_path), "of the signs and radius in the rig's file")
-        ticks, lengths = tuple(map(int, content["zero_ticks"])), tuple(map(float, content["zero_mm"]))
-        return Spools(radius, signs, ticks, lengths, self.offsets)
+        where = str(self.calibration_path)
+        content = mapping(where, read_json(self.calibration_path), CALIBRATION_KEYS, CALIBRATION_KEYS)
+        ticks, lengths, kept = (_per_tendon(f"{where}: {name}", content[name], m) for name in CALIBRATION_KEYS[:3])
+        if tuple(kept) != signs or content["radius_mm"] != radius:
+            hint = f"Home again: rj rig home {self.path}."
+            raise ConfigError("calibration", where, "of the signs and radius in the rig's file", hint)
+        whole = (as_integer(f"{where}: zero_ticks", tick, error=ConfigError) for tick in ticks)
+        return Spools(radius, signs, tuple(whole), tuple(lengths), self.offsets)
 
     def keep_calibration(self, ticks: Any, lengths: Any, tension: float) -> None:
         """Write the zero: ticks, and lengths there [mm]; tension: of homing [N]."""
@@ -91,9 +91,6 @@ class RigSettings:
         write_text(self.calibration_path, json.dumps(values, indent=1) + "\n")
 
 
-CALIBRATION_KEYS = ("zero_ticks", "zero_mm", "signs", "radius_mm", "tension")
-
-
 def load_rig(path: str | Path) -> RigSettings:
     """The rig of a file; raises ConfigError for a wrong key, type or number, with the place."""
     path, where = Path(path), str(path)
@@ -105,6 +102,7 @@ def load_rig(path: str | Path) -> RigSettings:
     simulated = None if top.get("simulated") is None else _simulated(f"{where}: simulated", top["simulated"])
     motors = _motors(f"{where}: motors", top["motors"], m, simulated is not None)
     cells = dict(mapping(f"{where}: cells", top.get("cells"), CELL_KEYS, () if simulated is not None else ("port",)))
+    as_integer(f"{where}: cells.baud", cells.setdefault("baud", 115_200), 1, error=ConfigError)
     names = [field.name for field in fields(GuardSettings)]
     given = mapping(f"{where}: guard", top.get("guard"), names)
     guard = GuardSettings(**{name: number(f"{where}: guard.{name}", value) for name, value in given.items()})
@@ -119,11 +117,10 @@ def _motors(where: str, value: object, m: int, in_software: bool) -> dict[str, A
         where, value, MOTOR_KEYS, ("radius_mm",) if in_software else ("port", "ids", "signs", "radius_mm")
     )
     motors = {"ids": list(range(1, m + 1)), "signs": [1] * m, "baud": 1_000_000, "watchdog_s": 0.4} | dict(content)
-    for name in ("ids", "signs"):
-        values = numbers(f"{where}.{name}", motors[name])
-        if len(values) != m:
-            raise ConfigError(f"{where}.{name}", motors[name], f"{m} numbers, one per tendon")
-        motors[name] = [as_integer(f"{where}.{name}", each, -1, 252, error=ConfigError) for each in values]
+    for name, low, high in (("ids", 0, 252), ("signs", -1, 1)):
+        values = _per_tendon(f"{where}.{name}", motors[name], m)
+        motors[name] = [as_integer(f"{where}.{name}", each, low, high, error=ConfigError) for each in values]
+    as_integer(f"{where}.baud", motors["baud"], 1, error=ConfigError)
     for name in ("radius_mm", "current_limit"):
         if motors.get(name) is not None:
             motors[name] = as_positive(f"{where}.{name}", motors[name], "a positive number", ConfigError)
@@ -153,10 +150,15 @@ def _offsets(where: str, top: Mapping[str, Any], folder: Path, m: int) -> tuple[
             raise ConfigError(str(source), values, "the key 'offsets'", "rj identify --output FOLDER writes it.")
     if values is None:
         return (0.0,) * m
-    offsets = tuple(numbers(f"{where}: offsets", values))
-    if len(offsets) != m:
-        raise ConfigError(f"{where}: offsets", list(offsets), f"{m} numbers, one per tendon [mm]")
-    return offsets
+    return tuple(_per_tendon(f"{where}: offsets", values, m))
+
+
+def _per_tendon(where: str, value: object, m: int) -> list[float]:
+    """Finite numbers, one for each of m tendons."""
+    values = numbers(where, value)
+    if len(values) != m:
+        raise ConfigError(where, value, f"{m} numbers, one per tendon")
+    return values
 
 
 @contextmanager
@@ -187,8 +189,8 @@ def connected(
         if isinstance(clock, VirtualClock):
             clock.quiet.append(lambda: bus.received >= motors.port.sent)
         motors.connect()
-        baud = int(settings.cells.get("baud", 115_200))
-        cells = SerialCells(ports[1], settings.mechanism.n_tendons, clock, baud, max(0.02, 1e-3 * patience))
+        m, baud = settings.mechanism.n_tendons, settings.cells["baud"]
+        cells = SerialCells(ports[1], m, clock, baud, max(0.02, 1e-3 * patience))
         at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
         poses = None if bus is None else _SimulatedTracker(bus, clock)
         with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:
@@ -207,8 +209,9 @@ def simulated_bus(settings: RigSettings) -> tuple[Any, LoopClock]:
 
     content = settings.simulated or {}
     one = robot(content["robot"], content["generation"])
-    from dataclasses import replace
-
+    if one.chain.n_tendons != settings.mechanism.n_tendons:
+        allowed = f"a mechanism with the {one.chain.n_tendons} tendons of simulated robots, such as five_link"
+        raise ConfigError(f"{settings.path}: mechanism", settings.mechanism.name, allowed)
     tendons = [
         replace(tendon, friction=CapstanFriction(mu))
         for tendon, mu in zip(one.chain.tendons, one.mu.tolist(), strict=True)
@@ -234,6 +237,3 @@ class _SimulatedTracker:
         with self.bus.lock:
             tip = self.bus.plant.tip
         return RigReading(tip + self.noise * self._rng.standard_normal(len(tip)), self.clock.now())
-
-
-__all__ = ["RigSettings", "connected", "load_rig", "simulated_bus", "unstretched_length"]

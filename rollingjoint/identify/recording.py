@@ -51,7 +51,12 @@ class RecordedRun:
         if count < 2 or not np.isfinite(self.motors).all() or not np.isfinite(self.t).all():
             raise InvalidInput(f"run {self.name}", count, "at least 2 steps with finite times and motor positions")
         if (np.diff(self.t) <= 0).any():
-            raise InvalidInput(f"times of run {self.name}", float(self.t[np.argmin(np.diff(self.t))]), "rising times")
+            raise InvalidInput(
+                f"times of run {self.name}",
+                float(self.t[np.argmin(np.diff(self.t))]),
+                "rising times",
+                'Give each unbroken stretch its own "run".',
+            )
 
     def rows(self, kept: NDArray[np.int64]) -> RecordedRun:
         """The run with these steps alone."""
@@ -254,7 +259,9 @@ def _recording(
             except InvalidInput as error:
                 raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from None
     if not runs:
-        raise ConfigError(where, "no run of two steps", 'lines such as {"t": 0.05, "motors": [90.1, 97.2]}')
+        allowed = "a run of at least two steps with finite times and motor positions"
+        hint = 'Steps are lines such as {"t": 0.05, "motors": [90.1, 97.2], "tensions": [3.0, 2.9]}, or rows of CSV.'
+        raise ConfigError(f"{where}: longest run", max(map(len, steps.values()), default=0), allowed, hint)
     if mechanism is not None and mechanism.n_tendons != width:
         raise ConfigError(f"{where}: motors", width, f"{mechanism.n_tendons}, one per tendon of the mechanism")
     return RigRecording(runs, mechanism, header, events)

@@ -129,12 +129,7 @@ def identify_rig(
         InvalidInput: no mechanism, unknown kinds, a recording without tensions and tips.
         SolverError: no equilibrium anywhere.
     """
-    chain = mechanism or recording.mechanism
-    if chain is None:
-        hint = "Name it in the first line of the recording, or by --mechanism."
-        raise InvalidInput("mechanism", None, "the mechanism as designed", hint)
-    if chain.n_tendons != recording.n_tendons:
-        raise InvalidInput("tendons of the recording", recording.n_tendons, f"{chain.n_tendons}, as of the mechanism")
+    chain = mechanism_of(recording, mechanism)
     as_integer("evaluations", evaluations, 1)
     if kinds is None:
         surfaces = ["surfaces"] if recording.sees_tip and isinstance(chain, RIG_KINDS["surfaces"].mechanisms) else []
@@ -149,8 +144,6 @@ def identify_rig(
         own["offsets"] = centres[int(np.argmin(costs))]
     space = RigSpace(chain, kinds, own)
     misfit = Misfit(RigModel(kept, space, loads, limits, first))
-    if not misfit.size:
-        raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", "Move more.")
     before = misfit.rms(np.zeros(len(space)))
     start = None
     if "mu" in kinds and limits == (0.0, np.inf):  # where the search begins follows from a model without that friction
@@ -168,6 +161,17 @@ def identify_rig(
     begin = np.asarray(recording.runs[0].motors[0])
     values = space.mean + start * space.sd
     return IdentifiedRig(space, values, covariance, misfit.deviations, residual, before, misfit.size, begin)
+
+
+def mechanism_of(recording: RigRecording, mechanism: AnyChain | None = None) -> AnyChain:
+    """This mechanism, as designed, or the recording's; InvalidInput where there is none, or with other tendons."""
+    chain = mechanism or recording.mechanism
+    if chain is None:
+        hint = "Name it in the first line of the recording, or by --mechanism."
+        raise InvalidInput("mechanism", None, "the mechanism as designed", hint)
+    if chain.n_tendons != recording.n_tendons:
+        raise InvalidInput("tendons of the recording", recording.n_tendons, f"{chain.n_tendons}, as of the mechanism")
+    return chain
 
 
 def designed_space(mechanism: AnyChain) -> tuple[RigSpace, Array]:
@@ -191,6 +195,9 @@ class Misfit:
     """Residuals of rigs against a recording, then their distances from the beliefs, all in standard deviations.
 
     Rigs are vectors of the space minus its means, over its standard deviations.
+
+    Raises:
+        InvalidInput: no readings that count.
     """
 
     def __init__(self, model: RigModel) -> None:
@@ -201,6 +208,9 @@ class Misfit:
             "position": np.isfinite(model.tips) & model.counts[..., None],
         }
         self.size = sum(int(mask.sum()) for mask in self.read.values())
+        if not self.size:
+            hint = "Record one of them, and move motors by more than the play."
+            raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", hint)
         seen = bool(self.read["position"].any())
         self.heard = [name for name in self.space.kinds if seen or name != "surfaces"]  # tensions hardly know surfaces
 

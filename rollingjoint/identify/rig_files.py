@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.checked_yaml import dump_yaml, located, mapping, number, read_yaml, text
+from rollingjoint.checked_yaml import dump_yaml, entries, located, mapping, number, read_yaml, text
 from rollingjoint.identify.beliefs import RIG_KINDS, RigSpace
 from rollingjoint.identify.rig import IdentifiedRig, as_report
 from rollingjoint.io.mechanism_file import dump_mechanism
@@ -58,9 +58,15 @@ def load_identified(folder: Path, mechanism: AnyChain) -> tuple[RigSpace, Array]
     keys = list(content) if isinstance(content, Mapping) else []
     top = mapping(where, content, keys, ("parameters_of", "parameters"))
     with located(where):
-        space = RigSpace(mechanism, [text(f"{where}: parameters_of", name) for name in top["parameters_of"]])
+        names = entries(f"{where}: parameters_of", top["parameters_of"])
+        space = RigSpace(mechanism, [text(f"{where}: parameters_of", name) for name in names])
     parameters = mapping(f"{where}: parameters", top["parameters"], space.labels, space.labels)
-    values = [number(f"{where}: {label}", parameters[label]["value"]) for label in space.labels]
+    values = []
+    for label in space.labels:
+        place = f"{where}: parameters.{label}"
+        values.append(
+            number(place, mapping(place, parameters[label], ("value", "sd", "interval"), ("value",))["value"])
+        )
     return space, np.array(values)
 
 

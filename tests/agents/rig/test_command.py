@@ -93,6 +93,8 @@ def test_a_policy_is_trained_on_for_a_recorded_rig(rig, capsys):
         (RIG + "offsets: [1]\n", "2 numbers"),
         (RIG.replace("[1, -1]", "[1, 1, 1]"), "2 numbers"),
         (RIG + "identified: nowhere\n", "nowhere"),
+        (RIG.replace("[1, -1]", "[1, 5]"), "motors.signs = 5"),
+        (RIG.replace("radius_mm: 10", "radius_mm: 10, baud: fast"), "motors.baud = 'fast'"),
     ],
 )
 def test_a_wrong_file_of_a_rig_is_one_line(rig, capsys, text, said):
@@ -102,6 +104,56 @@ def test_a_wrong_file_of_a_rig_is_one_line(rig, capsys, text, said):
     assert said in error and error.count("\n") == 1
     with pytest.raises(ConfigError):
         load_rig("rig.yaml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"zero_ticks": [0]}, "zero_ticks = [0]: expected 2 numbers"),
+        ({"zero_ticks": [0, "x"]}, "zero_ticks[1] = 'x'"),
+        ({"zero_mm": None}, "zero_mm"),
+        ({"signs": 3}, "signs = 3"),
+        ({"radius_mm": 9.0}, "Home again: rj rig home rig.yaml"),
+    ],
+)
+def test_a_damaged_calibration_is_one_line(rig, capsys, changes, said):
+    kept = {"zero_ticks": [0, 0], "zero_mm": [90.0, 100.0], "signs": [1, -1], "radius_mm": 10.0, "tension": 3.0}
+    Path("rig.calibration.json").write_text(json.dumps(kept))
+    load_rig("rig.yaml").spools()
+    Path("rig.calibration.json").write_text(json.dumps(kept | changes))
+    assert main(["check", "rig.yaml"]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_errors_of_ports_and_of_simulated_arms_name_the_key(rig, capsys):
+    Path("arm.yaml").write_text("mechanism: small_arm\nmotors: {radius_mm: 10}\nsimulated: {}\n")
+    ports = "motors: {port: nowhere, ids: [1, 2], signs: [1, 1], radius_mm: 10}\ncells: {port: nowhere}\n"
+    Path("ports.yaml").write_text("mechanism: five_link\n" + ports)
+    for file, said in (("arm.yaml", "arm.yaml: mechanism = "), ("ports.yaml", "motors.port")):
+        assert main(["check", file]) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1
+
+
+def test_a_recording_that_cannot_be_replayed_is_one_line(rig, capsys):
+    header = '{"format": "rollingjoint-recording", "version": 1}\n'
+    steps = [{"t": 0.1 * step, "motors": [90.0 - step, 97.0 + step]} for step in range(3)]
+    Path("bare.jsonl").write_text(header + "".join(json.dumps(step) + "\n" for step in steps))
+    five_link = ["--mechanism", "five_link"]
+    Path("identified.yaml").write_text("parameters_of: [play]\nparameters: {'play[0]': 1, 'play[1]': 1}\n")
+    for words, said in (
+        ([], "--mechanism"),
+        (["--mechanism", "small_arm"], "tendons of the recording = 2"),
+        (five_link, "readings of tensions or tips"),
+        ([*five_link, "--identified", "."], "parameters.play[0] = 1"),
+    ):
+        assert main(["replay", "bare.jsonl", *words]) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1
+    tense = [step | {"tensions": [3.0, 3.0]} for step in steps]
+    Path("tense.jsonl").write_text(header + "".join(json.dumps(step) + "\n" for step in tense))
+    assert main(["replay", "tense.jsonl", *five_link]) == 0 and "tension: rms" in capsys.readouterr().out
 
 
 def test_the_page_has_a_file_that_can_be_read_and_the_commands_that_there_are(rig):

@@ -1,5 +1,7 @@
 """RigEnv: the observations of the simulation, shipped policies over the bus, and resets by tension."""
 
+import json
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from rj_gym.tracking.arrays import POSITION, TENSION
 from rj_gym.tracking.worlds import InstrumentV1Config, LatePoseConfig
 from rollingjoint import WorldForce, five_link
 from rollingjoint.errors import InvalidInput
+from rollingjoint.identify import RecordingWriter
 
 from .rigs import GUARD, built
 
@@ -99,3 +102,19 @@ def test_a_shipped_policy_ends_over_the_bus_about_where_it_ends_in_simulation():
     errors = np.array([[driven(policy, seed, over) for over in (False, True)] for seed in range(500, 508)])
     simulated, bus = errors.mean(axis=0)
     assert simulated < 2.5 and abs(bus - simulated) < 1.0, errors
+
+
+def test_a_recording_says_how_late_steps_were(tmp_path):
+    with built() as one, RecordingWriter(tmp_path / "late.jsonl") as writer:
+        rig, read = one.rig(writer=writer), one.motors.read
+
+        def slow():
+            one.clock.sleep_until(one.clock.now() + 0.02)  # of 0.0125 s for a look
+            return read()
+
+        rig.begin("1")
+        rig.step(rig.goal)
+        one.motors.read = slow
+        assert rig.step(rig.goal).late == pytest.approx(0.0075)
+    lines = (tmp_path / "late.jsonl").read_text().splitlines()
+    assert [json.loads(line)["late"] for line in lines[1:]] == pytest.approx([0.0, 0.0, 0.0075])
