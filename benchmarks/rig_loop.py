@@ -25,6 +25,7 @@ from agents.rig.pace import LoopClock, VirtualClock, WallClock
 from agents.rig.protocols import RigError
 from agents.rig.simulated.bus import SimulatedBus
 from agents.rig.simulated.plant import Plant
+from agents.rig.simulated.servo import AMPERE_PER_COUNT, NEWTON_METRE_PER_AMPERE, At
 from agents.rig.spool import Spools
 from rollingjoint import WorldForce
 
@@ -86,8 +87,9 @@ def over_the_bus(policy, plant: Plant, limits, target, clock: LoopClock, argumen
     """Tip errors of an episode over a simulated bus [mm], and the times of its loop."""
     bus = SimulatedBus(plant, clock, signs=(1, -1))
     for servo, limit in zip(bus.servos.values(), limits, strict=True):
-        servo.put(38, 2, max(1, round(limit * 10e-3 / 1.78 / 2.69e-3)))  # its limit of current, as it was configured
-    spools = Spools(10.0, (1, -1), tuple(round(s.position) for s in bus.servos.values()), tuple(plant.q))
+        counts = round(limit * 1e-3 * bus.radius_mm / NEWTON_METRE_PER_AMPERE / AMPERE_PER_COUNT)
+        servo.put(At.CURRENT_LIMIT, 2, max(1, counts))  # as it was configured
+    spools = Spools(bus.radius_mm, (1, -1), tuple(round(s.position) for s in bus.servos.values()), tuple(plant.q))
     patience = 2000.0 if isinstance(clock, VirtualClock) else 10.0
     try:
         motors = Dynamixels(DynamixelSettings(bus.port, (1, 2)), spools, clock, 1.0 / arguments.rate, patience)

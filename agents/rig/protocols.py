@@ -53,9 +53,6 @@ class RigMotors(Protocol):
     def hold(self) -> bool:
         """Stay where motors are, whatever was interrupted before; whether that was sent."""
 
-    def relax(self) -> None:
-        """Torque off: tendons run out, and contacts that no tendon presses come apart."""
-
     def close(self) -> None:
         """Leave the port; motors hold."""
 

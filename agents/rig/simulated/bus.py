@@ -209,10 +209,11 @@ class SimulatedBus:
             with self.lock:
                 self.advance()
                 values = self.plant.weighed()
+            if self.faults.cells == "nan":
+                values[:] = np.nan
             self._sequence += 1
             line = cell_line(self._sequence, values)
-            if (outgoing := self.faults.weighed(line, self._last_line, values)) == b"nan":
-                outgoing = cell_line(self._sequence, np.full(len(values), np.nan))
+            outgoing = self.faults.weighed(line, self._last_line)
             self._last_line = line if self.faults.cells != "frozen" else self._last_line
             if outgoing is not None:
                 os.write(self._cell, outgoing)
