@@ -8,6 +8,7 @@ it, the most likely filter of a bank, a smoother's fit, or the true state.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, cast
 
@@ -339,9 +340,9 @@ class _FromEstimates(FilterFeedback):
         super().reset(mask)
         self.planner.reset(mask)
 
+    @abstractmethod
     def belief(self, estimate: Estimate) -> PlanStart:
         """The model of the estimate."""
-        raise NotImplementedError
 
     def motor_moves(self, reading: Reading, estimate: Estimate) -> Array:
         """Moves of the motors that make the first moves of the plans, (B, m) [mm]."""
