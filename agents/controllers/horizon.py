@@ -19,10 +19,10 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from agents.controllers.kernels import ROUNDING, eliminate
 from rollingjoint.compiled import Floats, Integers, kernel, part
 
 SINGULAR = 1e-12  # a smaller pivot is none
-ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
 LOST = 1e9  # mm²: cost of a stage without a usable equilibrium
 USABLE = 1  # the largest status of a stable equilibrium
 AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
@@ -208,7 +208,7 @@ def _fill_turns(stages, row, system, turns):
             system[i, k] = stages.H[row, i, k] if coupled else (1.0 if i == k else 0.0)
         for j in range(m):
             system[i, J + j] = stages.torques[row, i, j] * stages.elastic[row, j] if free else 0.0
-    if not _eliminate(system, J):
+    if not eliminate(system, J, SINGULAR):
         return False
     for i in range(J):
         for j in range(m):
@@ -323,7 +323,7 @@ def _bounded_step(value, more, slope, effort, move, limit, step, gain, scratch):
                 else:
                     system[i, k] = value[i, k] + (more if i == k else 0.0)
                 system[i, m + 1 + k] = -value[i, k]
-        if not _eliminate(system, m):
+        if not eliminate(system, m, SINGULAR):
             break
         for i in range(m):
             if held[i] == 0.0:
@@ -358,22 +358,3 @@ def _sweep_forth(stages, plans, weights, now, b, scratch):
             for k in range(m):
                 angle += plans.turns[b, s, i, k] * change[k]
             stages.starts[row, i] = min(max(angle, stages.joints[i, 0]), stages.joints[i, 1])
-
-
-@part
-def _eliminate(system, n):
-    """Solve n equations in place: columns from n on become the solutions; False where a pivot is not positive."""
-    width = system.shape[1]
-    for i in range(n):
-        if not system[i, i] > SINGULAR:
-            return False
-        for k in range(i + 1, n):
-            factor = system[k, i] / system[i, i]
-            for c in range(i + 1, width):
-                system[k, c] -= factor * system[i, c]
-    for i in range(n - 1, -1, -1):
-        for c in range(n, width):
-            for k in range(i + 1, n):
-                system[i, c] -= system[i, k] * system[k, c]
-            system[i, c] /= system[i, i]
-    return True

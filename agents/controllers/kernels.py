@@ -83,7 +83,8 @@ def _product(a, b):
 def _bounded_step(hessian, slope, limit, step):
     """The step of responses.bounded_step within +-limit."""
     m = len(step)
-    held, system, solution = np.zeros(m), np.empty((m, m)), np.empty(m)
+    held, system = np.zeros(m), np.empty((m, m + 1))
+    solution = system[:, m]
     step[:] = 0.0
     for _ in range(m):
         for i in range(m):
@@ -96,7 +97,7 @@ def _bounded_step(hessian, slope, limit, step):
         for i in range(m):
             if held[i] > 0.0:
                 solution[i] = 0.0
-        _eliminate(system, solution)
+        eliminate(system, m, -np.inf)  # positive definite
         for i in range(m):
             if held[i] == 0.0:
                 step[i] = min(max(solution[i], -limit), limit)
@@ -104,19 +105,22 @@ def _bounded_step(hessian, slope, limit, step):
 
 
 @part
-def _eliminate(system, values):
-    """Solve a positive definite system in place: `values` become the solution."""
-    n = len(values)
+def eliminate(system, n, least):
+    """Solve n equations in place: columns from n on become the solutions; False where a pivot is at most `least`."""
+    width = system.shape[1]
     for i in range(n):
+        if not system[i, i] > least:
+            return False
         for k in range(i + 1, n):
             factor = system[k, i] / system[i, i]
-            for c in range(i + 1, n):
+            for c in range(i + 1, width):
                 system[k, c] -= factor * system[i, c]
-            values[k] -= factor * values[i]
     for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            values[i] -= system[i, k] * values[k]
-        values[i] /= system[i, i]
+        for c in range(n, width):
+            for k in range(i + 1, n):
+                system[i, c] -= system[i, k] * system[k, c]
+            system[i, c] /= system[i, i]
+    return True
 
 
 @kernel(nogil=True, title="the controllers")

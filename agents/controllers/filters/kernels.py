@@ -13,6 +13,7 @@ from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 
+from agents.controllers.kernels import eliminate
 from rollingjoint.compiled import NARROW, Floats, kernel, part, play_contact, play_place, play_step, sheath_ratio
 
 SINGULAR = 1e-9  # N·mm/rad: a stable equilibrium has no pivots below
@@ -79,12 +80,13 @@ def linearise(solved, levers, play, stiffnesses, at, linear):
     """
     n_rows, n_joints, m = solved.rates.shape
     causes = at.offsets + m
-    system, response = np.empty((n_joints, n_joints + causes)), np.empty((n_joints, causes))
+    system = np.empty((n_joints, n_joints + causes))
+    response = system[:, n_joints:]
     for row in range(n_rows):
         linear.angles[row], linear.tensions[row], linear.tip[row] = 0.0, 0.0, 0.0
         if solved.usable[row]:
             _fill_system(solved, levers, row, system)
-            if _solve(system, response):
+            if eliminate(system, n_joints, SINGULAR):
                 _spread(solved, levers, linear, response, row)
                 _spread_tendons(solved, play, stiffnesses, at, linear, row)
 
@@ -103,26 +105,6 @@ def _fill_system(solved, levers, row, system):
             system[i, n_joints + c] = free * levers.loads[row, i, c]
         for j in range(m):
             system[i, n_joints + n_loads + j] = free * solved.rates[row, i, j] * solved.elastic[row, j]
-
-
-@part
-def _solve(system, response):
-    """Gaussian elimination of the symmetric stiffness of a stable equilibrium; False where it is singular."""
-    n, width = system.shape
-    for i in range(n):
-        if not system[i, i] > SINGULAR:
-            return False
-        for k in range(i + 1, n):
-            factor = system[k, i] / system[i, i]
-            for c in range(i + 1, width):
-                system[k, c] -= factor * system[i, c]
-    for i in range(n - 1, -1, -1):
-        for c in range(width - n):
-            value = system[i, n + c]
-            for k in range(i + 1, n):
-                value -= system[i, k] * response[k, c]
-            response[i, c] = value / system[i, i]
-    return True
 
 
 @part
