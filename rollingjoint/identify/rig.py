@@ -209,7 +209,7 @@ class Misfit:
         }
         self.size = sum(int(mask.sum()) for mask in self.read.values())
         if not self.size:
-            hint = "Record one of them, and move motors by more than the play."
+            hint = "Move more, beyond the play, or record one of them."
             raise InvalidInput("recording", 0, "readings of tensions or tips after the play was crossed", hint)
         seen = bool(self.read["position"].any())
         self.heard = [name for name in self.space.kinds if seen or name != "surfaces"]  # tensions hardly know surfaces
