@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.runs.command_line import exit_code
-from rollingjoint.checks import as_integer
+from rollingjoint.checks import as_integer, as_number, as_positive
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def _home(arguments: argparse.Namespace) -> int:
     from agents.rig.settings import connected
 
     settings = _settings(arguments)
+    as_number("--tension", arguments.tension, settings.guard.low, settings.guard.high, error=ConfigError)
     with connected(settings, calibrated=False) as (rig, motors):
         rig.begin("home")
         if wrong := wrong_signs(rig):
@@ -97,6 +98,8 @@ def _bench(arguments: argparse.Namespace) -> int:
 
     settings = _settings(arguments)
     as_integer("--steps", arguments.steps, 1, 10**6, error=ConfigError)
+    as_positive("--bend", arguments.bend, "a positive number [mm]", ConfigError)
+    as_integer("--seed", arguments.seed, 0, error=ConfigError)
     settings.spools()  # its errors before the file
     writer = RecordingWriter(arguments.out, settings.mechanism, rate=settings.rate, rig=str(settings.path))
     with connected(settings, True, writer) as (rig, _), progress_bar(arguments.steps, " steps", leave=False) as bar:
@@ -117,6 +120,7 @@ def _drive(arguments: argparse.Namespace) -> int:
 
     settings, policy = _settings(arguments), load_policy(arguments.policy)
     as_integer("--episodes", arguments.episodes, 1, 10_000, error=ConfigError)
+    as_integer("--seed", arguments.seed, 0, error=ConfigError)
     if policy.mechanism.n_tendons != settings.mechanism.n_tendons:
         raise ConfigError("--policy", arguments.policy, f"a policy for {settings.mechanism.n_tendons} tendons")
     settings.spools()

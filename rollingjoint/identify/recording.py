@@ -286,7 +286,7 @@ class RecordingWriter:
     Args:
         path: of the new file. mechanism: as designed. header: more of the first line, plain values.
     Raises:
-        InvalidInput: a file that is already there.
+        InvalidInput: a file that is already there, or cannot be written.
     """
 
     def __init__(self, path: str | Path, mechanism: AnyChain | None = None, **header: Any) -> None:
@@ -294,7 +294,10 @@ class RecordingWriter:
         if self.path.exists():
             raise InvalidInput("recording", str(path), "a new file", "Move the other one, or take another name.")
         described = {} if mechanism is None else {"mechanism": mechanism_to_dict(mechanism)}
-        self._stream = self.path.open("w", encoding="utf-8")
+        try:
+            self._stream = self.path.open("w", encoding="utf-8")
+        except OSError as error:
+            raise InvalidInput("recording", str(path), "a file that can be written", error.strerror or "") from None
         self._write({"format": FORMAT, "version": VERSION} | described | header, digits=None)
 
     def __enter__(self) -> Self:

@@ -136,6 +136,22 @@ def test_errors_of_ports_and_of_simulated_arms_name_the_key(rig, capsys):
         assert said in error and error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["home", "rig.yaml", "--tension", "nan"], "--tension = nan"),
+        (["home", "rig.yaml", "--tension", "300"], "--tension = 300.0: expected a finite number from 0.5 to 25"),
+        (["bench", "rig.yaml", "--bend", "nan", "--out", "x.jsonl"], "--bend = nan"),
+        (["bench", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
+        (["drive", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
+    ],
+)
+def test_options_are_checked_before_anything_moves(rig, capsys, words, said):
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not Path("x.jsonl").exists()
+
+
 def test_a_recording_that_cannot_be_replayed_is_one_line(rig, capsys):
     header = '{"format": "rollingjoint-recording", "version": 1}\n'
     steps = [{"t": 0.1 * step, "motors": [90.0 - step, 97.0 + step]} for step in range(3)]
