@@ -12,7 +12,7 @@ from rj_gym.core.columns import ERROR, STATUS, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.design.codesign import TERMS, CoDesignDraws, CoDesignTask, DesignPose, blank_draws
-from rj_gym.design.render import DesignCanvas
+from rj_gym.design.render import CASE_COLORS, DesignCanvas
 from rj_gym.rendering import INK, TARGET, Screen
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import RollingChain
@@ -181,13 +181,12 @@ class CoDesignCanvas(DesignCanvas):
     def draw(self, scene: Any) -> pygame.Surface:
         """The scene at the picture's size."""
         in_control = scene.step >= scene.design_steps
-        color = (70, 130, 200) if in_control else (120, 132, 150)
-        if isinstance(scene.mechanism, RollingChain):
-            self.begin(scene.mechanism.links[0])
-            self._links(scene.mechanism, scene.poses, color)
-        else:
-            self.begin()
-        axis = self.seen(scene.poses[:, :2] if scene.poses.ndim == 2 else scene.poses[:, :3, 3])
+        color = CASE_COLORS[int(in_control)]
+        plane = scene.mechanism if isinstance(scene.mechanism, RollingChain) else None
+        self.begin(plane and plane.links[0])
+        if plane is not None:
+            self._links(plane, scene.poses, color)
+        axis = self._origins(scene.poses)
         self._axis(axis, color)
         for target in self.seen(scene.targets):
             self.ring(target, 2.0, 0.7, TARGET)
