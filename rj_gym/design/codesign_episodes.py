@@ -183,7 +183,7 @@ class CoDesignCanvas(DesignCanvas):
         in_control = scene.step >= scene.design_steps
         color = CASE_COLORS[int(in_control)]
         plane = scene.mechanism if isinstance(scene.mechanism, RollingChain) else None
-        self.begin(plane and plane.links[0])
+        self.begin(plane.links[0] if plane else None)
         if plane is not None:
             self._links(plane, scene.poses, color)
         axis = self._origins(scene.poses)

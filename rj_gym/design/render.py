@@ -57,7 +57,7 @@ class DesignCanvas(Canvas):
     def draw(self, scene: DesignScene) -> pygame.Surface:
         """The scene at the picture's size; chains in space from the side, with z upwards."""
         plane = scene.mechanism if isinstance(scene.mechanism, RollingChain) else None
-        self.begin(plane and plane.links[0])
+        self.begin(plane.links[0] if plane else None)
         targets, forces = self.seen(scene.targets), self.seen(scene.forces)
         for places in targets:
             self._target(places)
