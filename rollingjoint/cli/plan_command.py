@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 from typing import Any
 
@@ -24,7 +22,7 @@ from rollingjoint.inverse import PREFERENCES
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.plan.follow import RATE, STARTS
-from rollingjoint.tables import number_table
+from rollingjoint.tables import csv_text, number_table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -114,16 +112,10 @@ def _as_json(plan: Plan) -> str:
 
 
 def _as_csv(plan: Plan) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    columns = _columns(plan)
-    writer.writerow(
-        [
-            name if values.ndim == 1 else name.replace("_", f"_{place}_", 1)
-            for name, values in columns.items()
-            for place in range(1 if values.ndim == 1 else values.shape[1])
-        ]
-    )
-    for step in range(len(plan.times)):
-        writer.writerow([entry for values in columns.values() for entry in np.atleast_1d(values[step]).tolist()])
-    return stream.getvalue().rstrip("\n")
+    columns: dict[str, list[Any]] = {}
+    for name, values in _columns(plan).items():
+        if values.ndim == 1:
+            columns[name] = values.tolist()
+        else:
+            columns |= {name.replace("_", f"_{place}_", 1): part.tolist() for place, part in enumerate(values.T)}
+    return csv_text(columns, zip(*columns.values(), strict=True))
