@@ -8,17 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint.cli.case_options import (
-    add_loads,
-    add_tension_limits,
-    add_wall_force,
-    capped_surroundings_of,
-    counted,
-    loads_of,
-    tension_limits_of,
-)
+from rollingjoint.cli.case_options import add_search, search_of, target_of
 from rollingjoint.errors import InvalidInput
-from rollingjoint.inverse import PREFERENCES
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.plan.follow import RATE, STARTS
@@ -35,13 +26,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, default=RATE, metavar="V", help=text)
     text = "largest distance of steps [mm] (default a hundredth of the mechanism)"
     parser.add_argument("--step", type=float, metavar="D", help=text)
-    add_tension_limits(parser)
-    parser.add_argument(
-        "--prefer", choices=PREFERENCES, default=PREFERENCES[0], help="of many solutions (default tension)"
-    )
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=f"plans tried (default {STARTS})")
-    add_loads(parser)
-    add_wall_force(parser)
+    add_search(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print all steps as JSON, units in the key names")
     form.add_argument("--csv", action="store_true", help="print all steps as CSV")
@@ -51,21 +37,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Plan:
     """Print the plan; returns it."""
     mechanism = load_mechanism(args.mechanism)
-    count, allowed = len(args.tip[0]), (2, 3) if mechanism.dimension == 2 else (3,)
-    if count not in allowed:
-        raise InvalidInput("--tip", args.tip[0], f"{' or '.join(map(str, allowed))} numbers for this mechanism")
-    around = capped_surroundings_of(args, mechanism)
+    targets = [target_of(tip, mechanism) for tip in args.tip]
+    if len({*map(len, targets)}) > 1:
+        raise InvalidInput("--tip", args.tip, "2 numbers each, or 3 each")
     plan = plan_path(
         mechanism,
-        [counted("--tip", tip, count) for tip in args.tip],
-        loads_of(args, mechanism),
+        targets,
         times=args.times,
         rate=args.rate,
         step=args.step,
-        prefer=args.prefer,
         starts=args.starts,
-        **tension_limits_of(args),
-        **around,
+        **search_of(args, mechanism),
     )
     print(_as_json(plan) if args.json else _as_csv(plan) if args.csv else _as_table(plan))
     if args.plot:
