@@ -97,7 +97,8 @@ def reach(
     """
     check_chain(mechanism)
     if history is not None or surroundings is not None:
-        as_choice("inputs", inputs, ("lengths",))
+        if inputs != "lengths":
+            raise InvalidInput("inputs", inputs, "'lengths' beside a history or surroundings")
         first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}
         each = tension_limits_of(tension_limits, mechanism.n_tendons)
         walls = None if surroundings is None else walls_of(surroundings, mechanism)
