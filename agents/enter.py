@@ -66,7 +66,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
     if not env.is_built_in_tracking:
-        hint = "Ids begin with rj_gym/; others have no tip error."
+        hint = "Ids begin with rj_gym/; others, tasks among walls and of design too, have no rows in the results."
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", hint)
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
