@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ UNFIT = {
 }
 
 
-class Policy(WallController):
+class Policy:
     """A trained policy, which sees observations alone."""
 
     def __init__(self, name: str) -> None:
@@ -55,26 +56,28 @@ class Policy(WallController):
 
         self.policy = load_policy(name)
 
-    def play(self, observations: Any) -> Any:
-        """The actions, (B, m)."""
-        return self.policy(observations)
-
-    def act(self, envs: Any) -> Any:
-        """Not used: `play` is."""
-        raise NotImplementedError
+    def begin(self, envs: Any, infos: Any) -> None:
+        """Begin episodes, of which a policy remembers nothing."""
 
 
-def row(env_id: str, name: str, controller: WallController, episodes: int, settings: dict[str, Any]) -> str:
-    """The row of a controller in the table."""
+Player = WallController | Policy
+
+
+def actions_of(player: Player, envs: Any, observations: Any) -> Any:
+    """The actions of all lanes, (B, m)."""
+    return player.policy(observations) if isinstance(player, Policy) else player.act(envs.unwrapped)
+
+
+def row(env_id: str, name: str, player: Player, episodes: int, settings: dict[str, Any]) -> str:
+    """The row of a controller or policy in the table."""
     envs = gymnasium.make_vec(env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings)
     observations, infos = envs.reset(seed=FIRST_SEED)
-    controller.begin(envs.unwrapped, infos)
+    player.begin(envs.unwrapped, infos)
     returns, early = np.zeros(episodes), np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
     for _ in range(envs.unwrapped.config.episode_steps):
-        play = getattr(controller, "play", None)
-        actions = play(observations) if play else controller.act(envs.unwrapped)
+        actions = actions_of(player, envs, observations)
         observations, rewards, terminated, truncated, infos = envs.step(np.where(running[:, None], actions, 0.0))
         returns += running * rewards
         for key, values in final.items():
@@ -92,17 +95,16 @@ def row(env_id: str, name: str, controller: WallController, episodes: int, setti
     )
 
 
-def film(env_id: str, controller: WallController, settings: dict[str, Any], seed: int) -> list[Any]:
+def film(env_id: str, player: Player, settings: dict[str, Any], seed: int) -> list[Any]:
     """Pictures of an episode."""
     envs = gymnasium.make_vec(
         env_id, 1, "vector_entry_point", render_mode="rgb_array", autoreset_mode="Disabled", **settings
     )
     observations, infos = envs.reset(seed=seed)
-    controller.begin(envs.unwrapped, infos)
+    player.begin(envs.unwrapped, infos)
     frames = [envs.render()[0]]
     for _ in range(envs.unwrapped.config.episode_steps):
-        play = getattr(controller, "play", None)
-        observations, _, terminated, *_ = envs.step(play(observations) if play else controller.act(envs.unwrapped))
+        observations, _, terminated, *_ = envs.step(actions_of(player, envs, observations))
         frames.append(envs.render()[0])
         if terminated.any():
             break
@@ -122,9 +124,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
     env_id = f"rj_gym/{given.task}-v0"
-    every = {name: make for name, make in CONTROLLERS.items() if name not in UNFIT[given.task]}
+    every: dict[str, Callable[[], Player]] = dict(CONTROLLERS)
+    every = {name: make for name, make in every.items() if name not in UNFIT[given.task]}
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
-    policies = {f"policy {Path(name).name}": (lambda name=name: Policy(name)) for name in given.policy}
+    every |= {f"policy {Path(name).name}": partial(Policy, name) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:
         settings: dict[str, Any] = {"families": [family]} if family else {}
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
@@ -132,10 +135,10 @@ def main() -> None:
             "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
         )
         print("|---|--:|--:|--:|--:|--:|--:|--:|")
-        for name, make in (every | policies).items():
+        for name, make in every.items():
             print(row(env_id, name, make(), given.episodes, settings), flush=True)
     if given.film or given.picture:
-        frames = film(env_id, list((every | policies).values())[-1](), settings, given.seed)
+        frames = film(env_id, list(every.values())[-1](), settings, given.seed)
         _save(frames, given.film, given.picture)
 
 

@@ -58,7 +58,7 @@ class SearchConfig:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
         if self.reference == "":
             given = self.space.get("mechanism") if isinstance(self.space, Mapping) else None
-            object.__setattr__(self, "reference", given or "five_link")
+            object.__setattr__(self, "reference", given if given and isinstance(given, str) else "five_link")
         text("reference", self.reference)
         entries("seeds", self.seeds)
         check_fields(self)

@@ -41,7 +41,7 @@ PICTURES = {  # of environments without a task: file and caption
     "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
     "Lumen": ("surroundings_lumen.gif", "A controller that knows the centre line, in a hard lumen."),
     "Obstacles": ("surroundings_obstacles.gif", "The way that the search of the episode has found."),
-    "HiddenWall": ("surroundings_hidden_wall.gif", "The commands that touch the wall with 0.5 N."),
+    "HiddenWall": ("surroundings_hidden_wall.gif", "A controller that is told the force touches the wall with 0.5 N."),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
 GUIDES["surroundings"] = "surroundings_tasks.md"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.generators import Random
 from rj_gym.core.task import Task
 from rollingjoint.checks import as_floats
@@ -55,32 +56,40 @@ class EpisodeBuffer(ABC):
         Lanes that have `ended` restart next: whether they step as well makes no difference.
         """
 
-    @abstractmethod
     def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
         """One step of the only lane, with an action (m,): its observation, (entries,), and readings, (columns,), fresh.
 
         Raises as `accept`.
         """
+        self._accept("action", action, self._actions[0])
+        if not self._finite():
+            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
+        return self.advance()[0], self.readings[0].copy()
 
     @abstractmethod
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator: info["sampled"], and observations (len(rows), entries)."""
 
     def tangent(self) -> Any:
-        """How the last step answers its actions; raises InvalidInput for tasks that are not tracking."""
-        raise InvalidInput("task", type(self.task).__name__, "a tracking task", "Other tasks have no motors.")
+        """How the last step answers its actions; raises InvalidInput for tasks of design, which have no such answer."""
+        raise InvalidInput("task", type(self.task).__name__, "a tracking task, or one among walls")
 
     @abstractmethod
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""
 
-    @abstractmethod
     def get_state(self) -> dict[str, Any]:
         """Everything that later steps depend on, copied: plain values and arrays."""
+        return {name: np.array(array) for name, array in self._kept().items()}
 
-    @abstractmethod
     def set_state(self, state: Any) -> None:
         """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
+        kept = self._kept()
+        arrays = checked_parts(state, tuple(kept))
+        for name, array in kept.items():
+            checked_array(name, arrays[name], array)
+        for name, array in kept.items():
+            array[:] = arrays[name]
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
@@ -89,6 +98,10 @@ class EpisodeBuffer(ABC):
     @abstractmethod
     def renderer(self) -> Any:
         """A renderer of the scenes."""
+
+    @abstractmethod
+    def _kept(self) -> dict[str, NDArray[Any]]:
+        """The arrays (B, ...) that steps go on from, by name."""
 
     @abstractmethod
     def _allowed(self, shape: tuple[int, ...]) -> str:

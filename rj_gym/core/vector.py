@@ -186,9 +186,10 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     @used_alone
     def tangent(self) -> Any:
-        """A Tangent, the state of all lanes and how it answers the tendons' commands: of tracking tasks.
+        """The state of all lanes and how it answers actions: of tracking tasks a Tangent, among walls a Response.
 
         Raises:
+            InvalidInput: a task of design.
             gymnasium.error.ResetNeeded: before the first reset.
         """
         if not self._begun:

@@ -151,14 +151,19 @@ class CoDesignTask(Task):
             option_numbers(given, "force", (size,), -LARGEST, LARGEST),
         )
         if fixed.design is not None:
-            margins = self.margins(fixed.design)
-            worst = int(margins.argmin())
-            rests = margins[worst] >= 0 and bool(self.at_rest(fixed.design[None]).ok[0])
-            if not rests:
-                what = f"margin {self.space.margin_names[worst]!r} of options['design']"
-                hint = "Take a valid design that has an equilibrium at rest."
-                raise InvalidInput(what, float(margins[worst]), "0 or more", hint)
+            self._check_design(fixed.design)
         return fixed
+
+    def _check_design(self, design: Array) -> None:
+        """Raise InvalidInput for a design (d,) that is not valid, or has no equilibrium at rest."""
+        margins = self.margins(design)
+        worst = int(margins.argmin())
+        if margins[worst] < 0:
+            what = f"margin {self.space.margin_names[worst]!r} of options['design']"
+            raise InvalidInput(what, float(margins[worst]), "0 or more", "Take a valid design.")
+        if not self.at_rest(design[None]).ok[0]:
+            allowed = f"a design with an equilibrium under the pretension, {self.config.pretension:g} N"
+            raise InvalidInput("options['design']", design, allowed)
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """The info of every step, arrays (B, ...): parts of the readings, and copies."""

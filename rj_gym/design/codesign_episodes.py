@@ -6,19 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STATUS, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.design.codesign import TERMS, CoDesignDraws, CoDesignTask, DesignPose, blank_draws
-from rj_gym.design.render import DesignCanvas
+from rj_gym.design.render import CASE_COLORS, DesignCanvas
 from rj_gym.rendering import INK, TARGET, Screen
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.status import Status
-from rollingjoint.errors import InvalidInput
 
 if TYPE_CHECKING:
     import pygame
@@ -93,13 +91,6 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
         terms[:, 3] = -config.reward.failure * ~pose.ok
         self._finish(rows, terms + 0.0)
 
-    def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
-        """One step of the only lane, action (d + m,): its observation and readings, fresh. Raises as `accept`."""
-        self._accept("action", action, self._actions[0])
-        if not self._finite():
-            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
-        return self.advance()[0], self.readings[0].copy()
-
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         draws = self.task.sample(rngs, fixed)
@@ -117,19 +108,6 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""
         return np.clip(self.task.observation(self.readings, self.draws), *self._bounds).astype(np.float32)
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything that later steps depend on, copied."""
-        return {name: array.copy() for name, array in self._held().items()}
-
-    def set_state(self, state: Any) -> None:
-        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
-        held = self._held()
-        arrays = checked_parts(state, tuple(held))
-        for name, array in held.items():
-            checked_array(name, arrays[name], array)
-        for name, array in held.items():
-            array[:] = arrays[name]
 
     def scene(self, trail: Array, lane: int = 0) -> CoDesignScene:
         """The scene of one lane; it has no trail."""
@@ -170,8 +148,7 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
         self._errors(rows)
         self._put(rows, terms=terms, reward=terms.sum(-1))
 
-    def _held(self) -> dict[str, Array]:
-        """The arrays (B, ...) that steps go on from, by name."""
+    def _kept(self) -> dict[str, Array]:
         return {**self.draws._asdict(), "readings": self.readings}
 
     def _allowed(self, shape: tuple[int, ...]) -> str:
@@ -204,13 +181,12 @@ class CoDesignCanvas(DesignCanvas):
     def draw(self, scene: Any) -> pygame.Surface:
         """The scene at the picture's size."""
         in_control = scene.step >= scene.design_steps
-        color = (70, 130, 200) if in_control else (120, 132, 150)
-        if isinstance(scene.mechanism, RollingChain):
-            self.begin(scene.mechanism.links[0])
-            self._links(scene.mechanism, scene.poses, color)
-        else:
-            self.begin()
-        axis = self.seen(scene.poses[:, :2] if scene.poses.ndim == 2 else scene.poses[:, :3, 3])
+        color = CASE_COLORS[int(in_control)]
+        plane = scene.mechanism if isinstance(scene.mechanism, RollingChain) else None
+        self.begin(plane.links[0] if plane else None)
+        if plane is not None:
+            self._links(plane, scene.poses, color)
+        axis = self._origins(scene.poses)
         self._axis(axis, color)
         for target in self.seen(scene.targets):
             self.ring(target, 2.0, 0.7, TARGET)

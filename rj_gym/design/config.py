@@ -19,6 +19,18 @@ PAIRS: Rows = ((4.0, 4.0), (6.0, 3.0), (3.0, 6.0))
 """Tensions of two tendons by default [N]."""
 
 
+def _default_space() -> DesignSpace:
+    return DesignSpace(symmetric=False)
+
+
+def _checked_space(space: object) -> DesignBox:
+    """A space, or that of a dictionary; raises ConfigError for others."""
+    checked = space_of_settings(space, _default_space()) if isinstance(space, Mapping) else space
+    if not isinstance(checked, DesignBox):
+        raise ConfigError("space", checked, "a DesignSpace, SpatialDesignSpace or MechanismSpace, or its fields")
+    return checked
+
+
 @dataclass(frozen=True)
 class DesignRewardConfig(Settings):
     """Weights of improvement and of the penalties of a bad design.
@@ -64,7 +76,7 @@ class DesignConfig(Settings):
         ConfigError: a value out of range, with the range.
     """
 
-    space: DesignBox = field(default_factory=lambda: DesignSpace(symmetric=False))
+    space: DesignBox = field(default_factory=_default_space)
     tensions: Rows = PAIRS
     force: Range = (0.0, 0.3)
     start: str = "random"
@@ -74,10 +86,7 @@ class DesignConfig(Settings):
     reward: DesignRewardConfig = field(default_factory=DesignRewardConfig)
 
     def __post_init__(self) -> None:
-        if isinstance(self.space, Mapping):
-            self._set("space", space_of_settings(self.space, DesignSpace(symmetric=False)))
-        if not isinstance(self.space, DesignBox):
-            raise ConfigError("space", self.space, "a DesignSpace, SpatialDesignSpace or MechanismSpace, or its fields")
+        self._set("space", _checked_space(self.space))
         tendons = self.space.plain.n_tendons
         if self.tensions == PAIRS and tendons != 2:
             self._set("tensions", [[4.0] * tendons, *(3.0 * (1.0 + np.eye(tendons))).tolist()])
@@ -156,7 +165,7 @@ class CoDesignConfig(Settings):
         ConfigError: a value out of range, with the range.
     """
 
-    space: DesignBox = field(default_factory=lambda: DesignSpace(symmetric=False))
+    space: DesignBox = field(default_factory=_default_space)
     design_steps: int = 5
     control_steps: int = 30
     start: str = "random"
@@ -171,10 +180,7 @@ class CoDesignConfig(Settings):
     reward: CoDesignRewardConfig = field(default_factory=CoDesignRewardConfig)
 
     def __post_init__(self) -> None:
-        if isinstance(self.space, Mapping):
-            self._set("space", space_of_settings(self.space, DesignSpace(symmetric=False)))
-        if not isinstance(self.space, DesignBox):
-            raise ConfigError("space", self.space, "a DesignSpace, SpatialDesignSpace or MechanismSpace, or its fields")
+        self._set("space", _checked_space(self.space))
         self._check(as_integer, "design_steps", "control_steps", low=1, high=LONGEST_EPISODE)
         self._check(as_integer, "targets", low=1, high=self.control_steps)
         self._check(as_choice, "start", choices=("random", "reference"))

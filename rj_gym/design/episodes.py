@@ -6,9 +6,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
@@ -18,7 +17,6 @@ from rj_gym.design.sampling import DesignDraws, blank_draws
 from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
 from rj_gym.rendering import Screen
 from rollingjoint.chain.status import Status
-from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 
@@ -49,13 +47,6 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         self._enter(rows, before[:, STEP] + 1, designs, judged, terms)
         return self.observe()
 
-    def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
-        """One step of the only lane, with an action (d,): its observation and readings, fresh. Raises as `accept`."""
-        self._accept("action", action, self._actions[0])
-        if not self._finite():
-            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
-        return self.advance()[0], self.readings[0].copy()
-
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         draws = self.task.sample(rngs, fixed)
@@ -70,23 +61,6 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         read = partial(self.task.part, self.readings)
         values = observation_values(self.task.config, self.task.length, read, self.draws)
         return np.clip(values, *self._bounds).astype(np.float32)
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything that later steps depend on, copied."""
-        return {name: array.copy() for name, array in self._kept().items()}
-
-    def set_state(self, state: Any) -> None:
-        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
-        arrays_held = self._kept()
-        arrays = checked_parts(state, tuple(arrays_held))
-        for name, array in arrays_held.items():
-            checked_array(name, arrays[name], array)
-        for name, array in arrays_held.items():
-            array[:] = arrays[name]
-
-    def _kept(self) -> dict[str, Array]:
-        """The arrays (B, ...) that steps go on from, by name."""
-        return {**self.draws._asdict(), "readings": self.readings}
 
     def scene(self, trail: Array, lane: int = 0) -> DesignScene:
         """The scene of one lane; it has no trail."""
@@ -111,6 +85,9 @@ class DesignEpisodeBuffer(EpisodeBuffer):
     def renderer(self) -> Screen[DesignScene]:
         """A renderer of the scenes."""
         return Screen(DesignCanvas(self.task.length))
+
+    def _kept(self) -> dict[str, Array]:
+        return {**self.draws._asdict(), "readings": self.readings}
 
     def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
         """Update the readings of these lanes, in the order of the task's columns."""

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80), (150, 90, 170), (200, 150, 40))
-
+CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80), (150, 90, 170), (200, 150, 40))
 
 _VIEW = np.array([[0.83, -0.14], [-0.56, -0.21], [0.0, 0.97]])  # of x, y and z: to the right, and up
 
@@ -57,18 +56,15 @@ class DesignCanvas(Canvas):
 
     def draw(self, scene: DesignScene) -> pygame.Surface:
         """The scene at the picture's size; chains in space from the side, with z upwards."""
-        plane = isinstance(scene.mechanism, RollingChain)
-        if isinstance(scene.mechanism, RollingChain):
-            self.begin(scene.mechanism.links[0])
-        else:
-            self.begin()
+        plane = scene.mechanism if isinstance(scene.mechanism, RollingChain) else None
+        self.begin(plane.links[0] if plane else None)
         targets, forces = self.seen(scene.targets), self.seen(scene.forces)
         for places in targets:
             self._target(places)
         for case in np.flatnonzero(scene.ok):
-            if isinstance(scene.mechanism, RollingChain):
-                self._links(scene.mechanism, scene.poses[case], _color(case))
-            self._axis(self.seen(scene.poses[case, :, :2] if plane else scene.poses[case, :, :3, 3]), _color(case))
+            if plane is not None:
+                self._links(plane, scene.poses[case], _color(case))
+            self._axis(self._origins(scene.poses[case]), _color(case))
         for places, force in zip(targets, forces, strict=True):
             self._places(places)
             self._force(places[-1], force)
@@ -78,6 +74,10 @@ class DesignCanvas(Canvas):
     def seen(self, points: Array) -> Array:
         """Points or vectors (..., 2 or 3) in the plane of the picture, (..., 2)."""
         return points if points.shape[-1] == 2 else points @ _VIEW
+
+    def _origins(self, poses: Array) -> Array:
+        """Origins of links in poses (n, 3), in space (n, 4, 4), in the plane of the picture, (n, 2)."""
+        return self.seen(poses[:, :2] if poses.ndim == 2 else poses[:, :3, 3])
 
     def _target(self, places: Array) -> None:
         """The line through the wanted origins, from the base on."""
@@ -117,4 +117,4 @@ class DesignCanvas(Canvas):
 
 
 def _color(case: int | np.integer) -> Color:
-    return _CASE_COLORS[case % len(_CASE_COLORS)]
+    return CASE_COLORS[case % len(CASE_COLORS)]

@@ -201,11 +201,14 @@ class LumenConfig(SurroundingsConfig):
             self._check(as_number, "mu", low=0.0, high=LARGEST_WALL_FRICTION)
         if not self._rubs_alike:
             raise ConfigError("mu", self.mu, "0 for all lumens or above 0 for all", "Set mu, or take other families.")
-        if min(self.family_radius(name) for name in self.families) < self.sleeve:
-            raise ConfigError("sleeve", self.sleeve, "at most the radius of the lumens [mm]")
+        narrowest = min(self.family_radius(name) for name in self.families)
+        if narrowest <= self.sleeve:
+            raise ConfigError("sleeve", self.sleeve, f"less than {narrowest:g} mm, the radius of the narrowest lumen")
         self._check(as_range, "depth", low=0.0, high=200.0, unit="mm")
         self._check(as_number, "feed_scale_mm", low=1e-6, high=10.0)
         self._check(as_range, "feed_range", low=0.0, high=1000.0, unit="mm")
+        if self.feed_range[1] == 0.0:
+            raise ConfigError("feed_range", self.feed_range, "a range that ends above 0 [mm]")
         self._check(as_choice, "walls", choices=("none", "ahead"))
 
     def family_radius(self, name: str) -> float:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rj_gym.surroundings.config import FAMILIES, HiddenWallConfig, LumenConfig, ObstaclesConfig
 from rj_gym.surroundings.scenes import DrawnScene, centre_points
-from rollingjoint import solve_lengths_batch
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.surroundings import Disc, HalfPlane, Lumen, Sleeve, Surroundings
@@ -71,10 +70,13 @@ def lumen_scene(
     drawn_depth = float(rng.uniform(*config.depth))
     lumen, depth = drawn if lumen is None else lumen, drawn_depth if depth is None else depth
     begin = lumen.lengths[0]
-    line = centre_points(lumen, begin - _LINE_BEFORE, begin + config.depth[1] + AHEAD[-1] + 10.0)
-    if lumen.radius(begin) <= config.sleeve or depth > config.depth[1] + AHEAD[-1]:
-        allowed = f"a lumen wider than the sleeve, a depth up to {config.depth[1] + AHEAD[-1]:g} mm"
-        raise InvalidInput("options", (lumen.radius(begin), depth), allowed)
+    deepest = config.depth[1] + AHEAD[-1]
+    line = centre_points(lumen, begin - _LINE_BEFORE, begin + deepest + 10.0)
+    if lumen.radius(begin) <= config.sleeve:
+        allowed = f"more than {config.sleeve:g} mm, the radius of the sleeve"
+        raise InvalidInput("radius of options['lumen']", float(lumen.radius(begin)), allowed)
+    if depth > deepest:
+        raise InvalidInput("options['depth']", depth, f"at most {deepest:g} mm", "Set a larger depth in the settings.")
     values |= {"radius": float(lumen.radius(begin)), "stiffness": lumen.stiffness, "mu": mu, "depth": depth}
     return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
 
@@ -95,6 +97,12 @@ class DrawnTask(Protocol):
     def at_rest(self, walls: Any, commands: Array) -> Any:
         """The equilibria at the start."""
 
+    def free(self, commands: Array, before: Any) -> Any:
+        """The equilibria without walls."""
+
+    def forces(self, solution: Any) -> Array:
+        """The largest normal force of any contact, (B,) [N]."""
+
 
 def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, Any]) -> list[DrawnScene]:
     """Targets behind discs, found by a search: a disc is before each, and one way of the commands leads there.
@@ -106,16 +114,16 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
     scenes: list[DrawnScene | None] = [None] * len(rngs)
     vias = np.array([_pulls(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
-    out, _ = _free_way(task, [vias])
+    out, _ = _free_way(task, vias)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
         tried = [lane for lane in active for _ in range(GOALS)]
         goals = np.array([_pulls(task, rngs[lane]) for lane in tried])
-        straight, good = _free_way(task, [goals])
+        straight, good = _free_way(task, goals)
         ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
-        back, _ = _free_way(task, [ends], np.tile(vias, (len(tried), 1)))
+        back, _ = _free_way(task, ends, np.tile(vias, (len(tried), 1)))
         back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
         found: list[tuple[int, DrawnScene]] = []
         for row, lane in enumerate(tried):
@@ -156,7 +164,7 @@ def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, A
         if not active:
             return [scene for scene in scenes if scene is not None]
         goals = np.array([_pulls(task, rngs[lane]) for lane in active])
-        poses, good = _free_way(task, [goals])
+        poses, good = _free_way(task, goals)
         walls, forces = [], np.zeros(len(active))
         for row, lane in enumerate(active):
             rng = rngs[lane]
@@ -190,25 +198,19 @@ def _pulls(task: DrawnTask, rng: Rng) -> Array:
     return task.rest + pulls
 
 
-def _free_way(task: DrawnTask, ends: Sequence[Array], begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Poses on the way through commands `ends`, (B, m) each, without walls, (steps + 1, B, n, 3); if all were found.
+def _free_way(task: DrawnTask, end: Array, begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
+    """Poses on the way to commands `end`, (B, m), without walls, (steps + 1, B, n, 3); whether all were found, (B,).
 
     begin: commands at the beginning, default those of the start, (B, m).
     """
-    begin = np.repeat(task.rest[None], len(ends[0]), axis=0) if begin is None else begin
-    solution = _free(task, begin, None)
+    begin = np.repeat(task.rest[None], len(end), axis=0) if begin is None else begin
+    solution = task.free(begin, None)
     poses, good = [solution.poses], np.asarray(solution.ok)
-    for end in ends:
-        for share in np.arange(1, _WAY + 1) / _WAY:
-            solution = _free(task, begin + share * (end - begin), solution)
-            poses.append(solution.poses)
-            good = good & solution.ok
-        begin = end
+    for share in np.arange(1, _WAY + 1) / _WAY:
+        solution = task.free(begin + share * (end - begin), solution)
+        poses.append(solution.poses)
+        good = good & solution.ok
     return np.array(poses), good
-
-
-def _free(task: DrawnTask, commands: Array, before: Any) -> Any:
-    return solve_lengths_batch(task.mechanism, commands, (), before, task.config.tension_range)
 
 
 def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
@@ -273,12 +275,12 @@ def _reached(task: DrawnTask, scenes: Sequence[DrawnScene]) -> list[bool]:
 def _driven(task: DrawnTask, walls: Any, ends: Sequence[Array]) -> tuple[Any, Array]:
     """The equilibria at the end of a way through commands, in steps of an episode, and the largest forces, (B,) [N]."""
     solution, feed = task.at_rest(walls, ends[0]), np.zeros(len(ends[0]))
-    peak, largest = solution.walls.normals.max(axis=1, initial=0.0), task.config.action_scale_mm
+    peak, largest = task.forces(solution), task.config.action_scale_mm
     for wanted in steps_through(ends, largest):
         commands = unstretched_length(solution.lengths, solution.tensions, task.mechanism.stiffnesses)
         commands = commands + np.clip(wanted - commands, -largest, largest)
         solution = task.solve(walls, commands, feed, solution)
-        peak = np.maximum(peak, solution.walls.normals.max(axis=1, initial=0.0))
+        peak = np.maximum(peak, task.forces(solution))
     return solution, peak
 
 
@@ -332,7 +334,7 @@ def _pressing(task: DrawnTask, walls: Sequence[HalfPlane], goals: Array, forces:
     low, high, found = np.zeros(len(goals)), np.ones(len(goals)), np.zeros(len(goals), bool)
     free = np.ones(len(goals), bool)
     for step, solution in enumerate(_straight(task, tables, goals)):
-        pressed = solution.walls.normals.max(axis=1, initial=0.0)
+        pressed = task.forces(solution)
         if step == 0:
             free = (pressed == 0.0) & solution.ok
         new = ~found & (pressed >= forces)
@@ -341,11 +343,11 @@ def _pressing(task: DrawnTask, walls: Sequence[HalfPlane], goals: Array, forces:
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         solution = task.at_rest(tables, begin + middle[:, None] * (goals - begin))
-        more = solution.walls.normals.max(axis=1, initial=0.0) >= forces
+        more = task.forces(solution) >= forces
         low, high = np.where(more, low, middle), np.where(more, middle, high)
     commands = begin + high[:, None] * (goals - begin)
     solution = task.at_rest(tables, commands)
-    pressed = solution.walls.normals.max(axis=1, initial=0.0)
+    pressed = task.forces(solution)
     others = np.abs(solution.walls.forces[:, :-1]).max(axis=(1, 2))
     near = np.abs(pressed - forces) <= 0.05 * forces
     return found & free & near & (others == 0.0) & solution.ok, solution.tip, commands

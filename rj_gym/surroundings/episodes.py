@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rj_gym.core.arguments import HINT, LARGEST, check_whole, checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STATUS, STEP
@@ -56,13 +56,6 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         self.solution = solution if good.all() else self._merged(self.solution, np.flatnonzero(good), solution, good)
         return self.observe()
 
-    def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
-        """One step of the only lane, with an action (m,): its observation and readings, fresh. Raises as `accept`."""
-        self._accept("action", action, self._actions[0])
-        if not self._finite():
-            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
-        return self.advance()[0], self.readings[0].copy()
-
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         task, every = self.task, len(rows) == self.capacity
@@ -97,10 +90,6 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         """The Response of all lanes."""
         feed = self.task.part(self.readings, "feed")
         return self.task.response(self.solution, feed, self.scenes)
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything that later steps depend on, copied."""
-        return {name: np.array(array) for name, array in self._kept().items()}
 
     def set_state(self, state: Any) -> None:
         """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
@@ -211,7 +200,6 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         self.restart(np.arange(self.capacity), [np.random.default_rng(0)] * self.capacity)
 
     def _kept(self) -> dict[str, Array]:
-        """The arrays (B, ...) that steps go on from, by name."""
         solution, walls = self.solution, self.solution.walls
         names = [entry.name for entry in fields(solution) if entry.name not in _STATIC]
         kept = {f"solution.{name}": getattr(solution, name) for name in names}

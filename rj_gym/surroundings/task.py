@@ -83,7 +83,6 @@ class SurroundingsTask(Task):
     """
 
     dimension: ClassVar[int] = 2
-    seen_discs: int = 0
     config: Any
 
     def __init__(self, config: SurroundingsConfig) -> None:
@@ -92,8 +91,7 @@ class SurroundingsTask(Task):
         self.mechanism = load_mechanism(mechanism, RollingChain) if isinstance(mechanism, str) else mechanism
         self.length, self.m = float(self.mechanism.length), self.mechanism.n_tendons
         self.action_size = self.m + int(config.FEEDS)
-        self.neutral_lengths = np.array(self.mechanism.neutral_lengths)
-        self.rest = self.neutral_lengths - config.start_tension / self.mechanism.stiffnesses
+        self.rest = self.mechanism.neutral_lengths - config.start_tension / self.mechanism.stiffnesses
         self._template = self.surroundings(self._sample_walls(), 0.0).arrays(self.mechanism)
         links = self.mechanism.n_links
         self.columns = blocks_of(
@@ -151,7 +149,7 @@ class SurroundingsTask(Task):
         """
         base = np.zeros((len(feed), 3))
         base[:, 1] = feed
-        past = {"history" if self._rubs(walls) else "starts": before}
+        past = {"history" if self._rubs() else "starts": before}
         limits = self.config.tension_range
         return solve_lengths_batch(
             self.mechanism, commands, (), tension_limits=limits, surroundings=walls, base=base, **past
@@ -223,7 +221,7 @@ class SurroundingsTask(Task):
         """Whether an episode that ends here is a success, (B,)."""
         return (error <= self.config.success_mm) & (peak <= self.config.force_limit)
 
-    def _rubs(self, walls: Any) -> bool:
+    def _rubs(self) -> bool:
         return bool(self.config.mu)
 
     @abstractmethod
@@ -267,7 +265,7 @@ class LumenTask(SurroundingsTask):
         remaining = scenes.goal[:, None] - arcs.reshape(-1, count)
         return offsets.reshape(-1, count), tangents.reshape(-1, count, 2), remaining
 
-    def _rubs(self, walls: Any) -> bool:
+    def _rubs(self) -> bool:
         return self.config.family_mu(self.config.families[0]) > 0.0
 
     def _scenes(self, rngs: Sequence[np.random.Generator], fixed: Mapping[str, Any]) -> list[DrawnScene]:

@@ -359,6 +359,7 @@ def test_a_space_of_a_mechanism_that_is_wrong_is_named(tmp_path):
         "mechanism: two_segmnt": "two_segment",
         "mechanism: two_segment, azimuth: [0, 1]": "azimuth",
         "mechanism: two_segment, kind: space": "kind",
+        "mechanism: 3": "mechanism = 3",
     }.items():
         with pytest.raises(ConfigError, match=words):
             check(load_search(written(tmp_path, OWN_SEARCH.replace("mechanism: two_segment", change))))

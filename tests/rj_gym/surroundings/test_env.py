@@ -294,10 +294,12 @@ def test_rates_with_contact_are_differences_of_steps():
         ({"families": ["wide"]}, "families"),
         ({"families": []}, "families"),
         ({"radius": 4.0}, "radius"),
+        ({"radius": 4.5}, "sleeve"),
         ({"walls": "seen"}, "walls"),
         ({"poses": "some"}, "poses"),
         ({"noise": {"angle": -1}}, "noise.angle"),
         ({"feed_range": (5, 1)}, "feed_range"),
+        ({"feed_range": (0, 0)}, "feed_range"),
         ({"mechanism": 5}, "mechanism"),
     ],
 )
