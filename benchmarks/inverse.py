@@ -64,8 +64,7 @@ def row(name: str, count: int, seed: int) -> list[str]:
     tensions = rng.uniform(*LIMITS, (count, chain.n_tendons))
     aims = rj.solve_tensions_batch(chain, tensions, loads)
     tips = aims.tip[aims.ok]
-    rj.reach_batch(chain, tips[:8], loads, LIMITS)
-    many, batch = timed(lambda: rj.reach_batch(chain, tips, loads, LIMITS))
+    many, batch = min((timed(lambda: rj.reach_batch(chain, tips, loads, LIMITS)) for _ in range(2)), key=itemgetter(1))
     _, forward = timed(lambda: rj.solve_lengths_batch(chain, many.lengths, loads, tension_limits=LIMITS))
     few = np.flatnonzero(many.ok)[:SINGLE].tolist()
     starts = [many.row(i) for i in few]
@@ -119,7 +118,10 @@ def plans(name: str, count: int, seed: int) -> list[str]:
     steps = sum(len(plan.times) for plan in results)
     kinds = [
         sum(plan.ok for plan in results),
-        *(sum(bool((plan.status == code).any()) for plan in results) for code in (2, 3, 1)),
+        *(
+            sum(bool((plan.status == status).any()) for plan in results)
+            for status in (rj.PlanStatus.DETOUR, rj.PlanStatus.SNAPPED, rj.PlanStatus.MISSED)
+        ),
     ]
     followed, snapped = (sum(bool(each[k]) for each in alone) for k in (0, 1))
     solves = sum(plan.solves for plan in results) / steps
@@ -151,6 +153,7 @@ def by_scipy(chain: Any, loads: Any, tips: np.ndarray) -> tuple[float, float]:
         )
         return float(np.linalg.norm(result.fun))
 
+    solve(tips[0])  # compiles
     misses, seconds = timed(lambda: [solve(tip) for tip in tips])
     return seconds / len(tips) * 1e6, float(np.mean(np.array(misses) < 1e-6))
 

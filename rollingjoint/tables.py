@@ -1,7 +1,8 @@
-"""Tables of text cells, aligned for a terminal or as Markdown, and printing where some characters are unknown."""
+"""Tables of text cells, aligned for a terminal, as Markdown or CSV, and printing where some characters are unknown."""
 
 from __future__ import annotations
 
+import csv
 import io
 import math
 import os
@@ -80,6 +81,13 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: 
     """A Markdown table: the first `left` columns aligned to the left, the others to the right."""
     align = [":--" if place < left else "--:" for place in range(len(head))]
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, align, *rows])
+
+
+def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Rows under a head as CSV, without a newline at the end."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows([head, *rows])
+    return stream.getvalue().rstrip("\n")
 
 
 def fixed(value: float, digits: int) -> str:

@@ -195,8 +195,8 @@ def touch(designs: tuple[Any, NDArray[np.int64]], angles: Array, arrays: WallArr
     return places
 
 
-def n_candidates(walls: Walls) -> int:
-    """Number of the pairs that may touch."""
+def n_candidates(walls: Walls | Any) -> int:
+    """Number of the pairs that may touch; walls: tables of this form."""
     count: int = contact_sizes.py_func(walls, 0).C
     return count
 

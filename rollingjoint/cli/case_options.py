@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.checks import as_number
+from rollingjoint.checks import as_number, as_positive
 from rollingjoint.errors import InvalidInput
+from rollingjoint.inverse import PREFERENCES
 from rollingjoint.io import report
 from rollingjoint.io.surroundings_file import load_surroundings
 from rollingjoint.kernels.arrays import LARGEST_INPUT
@@ -101,21 +102,25 @@ def equilibrium(args: argparse.Namespace, mechanism: AnyChain) -> Any:
     return solution
 
 
-def add_wall_force(parser: argparse.ArgumentParser) -> None:
-    """Adds the walls, and the cap on their forces, of commands that look for lengths."""
+def add_search(parser: argparse.ArgumentParser) -> None:
+    """Adds limits of tensions and of wall forces, the preference, loads and walls of commands that look for lengths."""
+    add_tension_limits(parser)
+    text = f"of many solutions (default {PREFERENCES[0]})"
+    parser.add_argument("--prefer", choices=PREFERENCES, default=PREFERENCES[0], help=text)
+    add_loads(parser)
     add_surroundings(parser)
     parser.add_argument("--wall-force", type=float, metavar="F", help="largest normal force of a contact [N]")
 
 
-def capped_surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
-    """`surroundings_of`, with the cap where there is one."""
-    args.method = None
+def search_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
+    """Keyword arguments of searches for the options of `add_search`."""
+    search = {"loads": loads_of(args, mechanism), "prefer": args.prefer, **tension_limits_of(args)}
     around = surroundings_of(args, mechanism)
     if args.wall_force is None:
-        return around
+        return search | around
     if not around:
         raise InvalidInput("--wall-force", args.wall_force, "--surroundings beside it")
-    return around | {"wall_force": checked("--wall-force", args.wall_force, 0.0)}
+    return search | around | {"wall_force": as_positive("--wall-force", args.wall_force, "a positive number [N]")}
 
 
 def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, Any]:
@@ -126,10 +131,17 @@ def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, 
         return {}
     if mechanism.dimension != 2:
         raise InvalidInput("--surroundings", args.surroundings, "a planar chain", "Walls in space are not built yet.")
-    if args.method == "least_squares":
+    if getattr(args, "method", None) == "least_squares":
         raise InvalidInput("--surroundings", args.surroundings, "--method elastic")
     base = counted("--base", args.base or [0.0, 0.0, 0.0], 3)
     return {"surroundings": load_surroundings(args.surroundings), "base": base}
+
+
+def target_of(values: list[float], mechanism: AnyChain) -> list[float]:
+    """The target of --tip: coordinates, or in the plane a pose."""
+    if mechanism.dimension == 2 and len(values) not in (2, 3):
+        raise InvalidInput("--tip", values, "2 numbers x, y for this mechanism, or 3 with the angle of the last link")
+    return counted("--tip", values, len(values) if mechanism.dimension == 2 else 3)
 
 
 def note(args: argparse.Namespace, text: str) -> None:

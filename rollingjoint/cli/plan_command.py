@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 from typing import Any
 
 import numpy as np
 
-from rollingjoint.cli.case_options import (
-    add_loads,
-    add_tension_limits,
-    add_wall_force,
-    capped_surroundings_of,
-    counted,
-    loads_of,
-    tension_limits_of,
-)
+from rollingjoint.cli.case_options import add_search, search_of, target_of
 from rollingjoint.errors import InvalidInput
-from rollingjoint.inverse import PREFERENCES
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.plan import Plan, PlanStatus, plan_path
 from rollingjoint.plan.follow import RATE, STARTS
-from rollingjoint.tables import number_table
+from rollingjoint.tables import csv_text, number_table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,13 +26,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, default=RATE, metavar="V", help=text)
     text = "largest distance of steps [mm] (default a hundredth of the mechanism)"
     parser.add_argument("--step", type=float, metavar="D", help=text)
-    add_tension_limits(parser)
-    parser.add_argument(
-        "--prefer", choices=PREFERENCES, default=PREFERENCES[0], help="of many solutions (default tension)"
-    )
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=f"plans tried (default {STARTS})")
-    add_loads(parser)
-    add_wall_force(parser)
+    add_search(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print all steps as JSON, units in the key names")
     form.add_argument("--csv", action="store_true", help="print all steps as CSV")
@@ -53,21 +37,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Plan:
     """Print the plan; returns it."""
     mechanism = load_mechanism(args.mechanism)
-    count, allowed = len(args.tip[0]), (2, 3) if mechanism.dimension == 2 else (3,)
-    if count not in allowed:
-        raise InvalidInput("--tip", args.tip[0], f"{' or '.join(map(str, allowed))} numbers for this mechanism")
-    around = capped_surroundings_of(args, mechanism)
+    targets = [target_of(tip, mechanism) for tip in args.tip]
+    if len({*map(len, targets)}) > 1:
+        raise InvalidInput("--tip", args.tip, "2 numbers each, or 3 each")
     plan = plan_path(
         mechanism,
-        [counted("--tip", tip, count) for tip in args.tip],
-        loads_of(args, mechanism),
+        targets,
         times=args.times,
         rate=args.rate,
         step=args.step,
-        prefer=args.prefer,
         starts=args.starts,
-        **tension_limits_of(args),
-        **around,
+        **search_of(args, mechanism),
     )
     print(_as_json(plan) if args.json else _as_csv(plan) if args.csv else _as_table(plan))
     if args.plot:
@@ -114,16 +94,10 @@ def _as_json(plan: Plan) -> str:
 
 
 def _as_csv(plan: Plan) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    columns = _columns(plan)
-    writer.writerow(
-        [
-            name if values.ndim == 1 else name.replace("_", f"_{place}_", 1)
-            for name, values in columns.items()
-            for place in range(1 if values.ndim == 1 else values.shape[1])
-        ]
-    )
-    for step in range(len(plan.times)):
-        writer.writerow([entry for values in columns.values() for entry in np.atleast_1d(values[step]).tolist()])
-    return stream.getvalue().rstrip("\n")
+    columns: dict[str, list[Any]] = {}
+    for name, values in _columns(plan).items():
+        if values.ndim == 1:
+            columns[name] = values.tolist()
+        else:
+            columns |= {name.replace("_", f"_{place}_", 1): part.tolist() for place, part in enumerate(values.T)}
+    return csv_text(columns, zip(*columns.values(), strict=True))

@@ -8,19 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_integer
-from rollingjoint.cli.case_options import (
-    add_loads,
-    add_tension_limits,
-    add_wall_force,
-    capped_surroundings_of,
-    counted,
-    loads_of,
-    tension_limits_of,
-)
-from rollingjoint.errors import InvalidInput
-from rollingjoint.inverse import PREFERENCES, Reach, ReachStatus, reach
+from rollingjoint.cli.case_options import add_search, search_of, target_of
+from rollingjoint.inverse import Reach, ReachStatus, reach
 from rollingjoint.inverse.search import INPUTS, STARTS
 from rollingjoint.inverse.starts import SAMPLES
 from rollingjoint.io import report
@@ -33,15 +23,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("mechanism", metavar="MECHANISM", help="preset name or YAML file")
     text = "where the tip should be [mm]; in the plane a third number is its angle [rad]"
     parser.add_argument("--tip", nargs="+", type=float, required=True, metavar="X", help=text)
-    add_tension_limits(parser)
-    parser.add_argument(
-        "--prefer", choices=PREFERENCES, default=PREFERENCES[0], help="of many solutions (default tension)"
-    )
     parser.add_argument("--inputs", choices=INPUTS, default=INPUTS[0], help="what holds the pose (default lengths)")
     text = f"that are tried, at most {SAMPLES} (default {STARTS})"
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help=text)
-    add_loads(parser)
-    add_wall_force(parser)
+    add_search(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     parser.add_argument(
         "--plot", metavar="FILE", help="also draw it, the target as a cross; the suffix sets the format"
@@ -53,23 +38,13 @@ def run(args: argparse.Namespace) -> Reach:
     mechanism = load_mechanism(args.mechanism)
     result = reach(
         mechanism,
-        _target(args.tip, mechanism),
-        loads_of(args, mechanism),
+        target_of(args.tip, mechanism),
         inputs=args.inputs,
-        prefer=args.prefer,
         starts=as_integer("--starts", args.starts, 1, SAMPLES),
-        **tension_limits_of(args),
-        **capped_surroundings_of(args, mechanism),
+        **search_of(args, mechanism),
     )
     print(json.dumps(_as_dict(result), indent=2, allow_nan=False) if args.json else _as_text(result))
     return result
-
-
-def _target(values: list[float], mechanism: AnyChain) -> list[float]:
-    """The target: coordinates, or in the plane a pose."""
-    if mechanism.dimension == 2 and len(values) not in (2, 3):
-        raise InvalidInput("--tip", values, "2 numbers x, y for this mechanism, or 3 with the angle of the last link")
-    return counted("--tip", values, len(values) if mechanism.dimension == 2 else 3)
 
 
 def _as_text(result: Reach) -> str:

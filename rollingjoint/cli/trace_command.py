@@ -53,7 +53,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     form.add_argument("--csv", action="store_true", help="print every step as CSV")
     text = "also draw it among walls: stick and slip over the path; .gif: a film of it"
     parser.add_argument("--plot", metavar="FILE", help=text)
-    parser.set_defaults(method=None)
 
 
 def run(args: argparse.Namespace) -> bool:
@@ -95,7 +94,10 @@ def _inputs(
     options = {name: values for name in UNITS if (values := getattr(args, name)) is not None}
     in_file = {name: values for name in UNITS if (values := given_of(columns, name)) is not None}
     if len(options) + len(in_file) != 1:
-        raise InvalidInput("inputs", [*options, *in_file], "lengths or tensions, in the file or by an option")
+        allowed = "lengths or tensions, in the file or by an option"
+        raise InvalidInput(
+            "inputs", [*options, *in_file], allowed, "Give --lengths or --tensions, or a --path with either."
+        )
     if in_file:
         ((given, table),) = in_file.items()
         for step, row in enumerate(table.tolist()):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 
 import numpy as np
 
@@ -12,7 +10,7 @@ from rollingjoint.cli.case_options import add_loads, add_tension_limits, loads_o
 from rollingjoint.inverse import PREFERENCES, Workspace, workspace
 from rollingjoint.inverse.reachable import CELLS
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.tables import text_table
+from rollingjoint.tables import csv_text, text_table
 
 _QUANTILES = (0.0, 0.5, 1.0)
 
@@ -69,8 +67,4 @@ def _as_csv(space: Workspace) -> str:
     numbers = {f"tip_{axis}_mm": values for axis, values in zip(axes, space.equilibria.tip.T, strict=True)}
     numbers |= _columns(space)
     numbers |= {f"tension_{j}_N": values for j, values in enumerate(space.equilibria.tensions.T)}
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(numbers)
-    writer.writerows(np.column_stack(list(numbers.values())).tolist())
-    return stream.getvalue().rstrip("\n")
+    return csv_text(numbers, np.column_stack(list(numbers.values())).tolist())

@@ -163,9 +163,3 @@ def numeric(tables: WallTables, rigid: bool) -> Walls:
     """The arrays of kernels."""
     arrays = {name: np.ascontiguousarray(table.detach().numpy()) for name, table in tables._asdict().items()}
     return Walls(**arrays, rigid=np.full(len(tables.points), float(rigid)))
-
-
-def n_candidates(tables: WallTables) -> int:
-    """Number of the pairs that may touch, as kernels number them."""
-    points, bars, planes, discs, capsules, _, lumens = (table.shape[1] for table in tables)
-    return points * (planes + lumens) + bars * (discs + 4 * capsules)

@@ -11,13 +11,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rollingjoint.chain.wall_step import WallStep, new_wall_arrays
+from rollingjoint.chain.wall_step import WallStep, n_candidates, new_wall_arrays
 from rollingjoint.differentiable.contact import FIRM, ContactsAtPose, TouchMemory, WallProblem
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.geometry import turned
 from rollingjoint.differentiable.loads import cross, dot
 from rollingjoint.differentiable.statics import ChainState
-from rollingjoint.differentiable.surroundings import DifferentiableSurroundings, n_candidates, numeric
+from rollingjoint.differentiable.surroundings import DifferentiableSurroundings, numeric
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.kernels.wall_contacts import PENALTY

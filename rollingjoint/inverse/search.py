@@ -97,11 +97,12 @@ def reach(
     """
     check_chain(mechanism)
     if history is not None or surroundings is not None:
-        as_choice("inputs", inputs, ("lengths",))
+        if inputs != "lengths":
+            raise InvalidInput("inputs", inputs, "'lengths' beside a history or surroundings")
         first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}
         each = tension_limits_of(tension_limits, mechanism.n_tendons)
         walls = None if surroundings is None else walls_of(surroundings, mechanism)
-        cap = np.inf if wall_force == np.inf else as_positive("wall_force", wall_force, "a positive number [N], or inf")
+        cap = checked_wall_force(wall_force)
         situation = Situation(mechanism, loads, each, np.zeros(mechanism.n_tendons), cap, walls, base)
         return _reach_by_solves(situation, tip, history, first)
     table = mechanism.load_table(loads)
@@ -229,6 +230,11 @@ def _first(mechanism: AnyChain | Sequence[AnyChain]) -> AnyChain:
 def checked_lever(lever: float | None) -> float | None:
     """The lever; InvalidInput unless it is None or a number from 0."""
     return None if lever is None else as_number("lever", lever, 0.0)
+
+
+def checked_wall_force(cap: float) -> float:
+    """The cap on normal forces of walls; InvalidInput unless it is a positive number, or inf."""
+    return np.inf if cap == np.inf else as_positive("wall_force", cap, "a positive number [N], or inf")
 
 
 @dataclass(frozen=True)

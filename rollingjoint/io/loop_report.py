@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -13,7 +11,7 @@ import numpy as np
 
 from rollingjoint.chain.status import Status
 from rollingjoint.statics.loop import Loop
-from rollingjoint.tables import text_table
+from rollingjoint.tables import csv_text, text_table
 
 _HEAD = (
     "friction",
@@ -82,15 +80,12 @@ def as_csv(loops: Sequence[Loop]) -> str:
     axes = "xyz"[: first.path.tip.shape[1]]
     head = ["friction", "step", *(f"input_{j}_{unit}" for j in tendons), *(f"{axis}_mm" for axis in axes)]
     head += [f"tension_{j}_N" for j in tendons] + [f"length_{j}_mm" for j in tendons]
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*head, "dissipated_work_N_mm", "sticking_holes"])
-    for loop in loops:
-        columns = _columns(loop)
-        table = np.column_stack([np.arange(len(loop.shares)), *columns.values()])
-        for step, *numbers, sticking in table.tolist():
-            writer.writerow([friction_name(loop), int(step), *numbers, int(sticking)])
-    return stream.getvalue().rstrip("\n")
+    rows = (
+        [friction_name(loop), step, *numbers, int(sticking)]
+        for loop in loops
+        for step, (*numbers, sticking) in enumerate(np.column_stack(list(_columns(loop).values())).tolist())
+    )
+    return csv_text([*head, "dissipated_work_N_mm", "sticking_holes"], rows)
 
 
 def _unit(loop: Loop) -> str:

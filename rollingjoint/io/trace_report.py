@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain.status import Status
 from rollingjoint.io.path_file import BASE, UNITS
 from rollingjoint.statics.among import has_wall_friction
-from rollingjoint.tables import text_table
+from rollingjoint.tables import csv_text, fixed, text_table
 
 Array = NDArray[np.float64]
 
@@ -64,11 +62,9 @@ class TracedPath:
             columns |= dict(zip(BASE, self.bases.T, strict=True))
         axes = "xyz"[: path.tip.shape[1]]
         columns |= {f"tip_{axis}_mm": values for axis, values in zip(axes, path.tip.T, strict=True)}
-        columns |= {f"tension_{j}_N": values for j, values in enumerate(path.tensions.T)} | {
-            f"tendon_length_{j}_mm": values for j, values in enumerate(path.lengths.T)
-        }
-        if self.given == "tensions":
-            columns |= {f"tension_{j}_N": values for j, values in enumerate(self.inputs.T)}
+        if self.given != "tensions":
+            columns |= {f"tension_{j}_N": values for j, values in enumerate(path.tensions.T)}
+        columns |= {f"tendon_length_{j}_mm": values for j, values in enumerate(path.lengths.T)}
         columns["dissipated_work_N_mm"] = path.dissipated_work
         columns["sticking_holes"] = path.sticking.sum(axis=(1, 2))
         if path.walls is not None:
@@ -99,14 +95,14 @@ class TracedPath:
         driver, values = self.driver
         tip = self.path.tip
         head = ["step", driver, *(f"{axis} [mm]" for axis in "xyz"[: tip.shape[1]])]
-        cells = [[f"{value:.3f}" for value in column + 0.0] for column in (values, *tip.T)]
+        cells = [[fixed(value, 3) for value in column] for column in (values, *tip.T)]
         if self.path.walls is not None:
             walls = self.wall_columns
             head += ["contacts", "stick", "normal [N]", "insertion [N]"]
             cells += [list(map(str, walls[name])) for name in ("wall_contacts", "sticking_contacts")]
-            cells += [[f"{value:.3f}" for value in walls[f"{name}_N"] + 0.0] for name in _FORCES]
+            cells += [[fixed(value, 3) for value in walls[name]] for name in ("largest_normal_N", "insertion_force_N")]
         head += ["lost [N·mm]", ""]
-        cells += [[f"{value:.3f}" for value in self.path.dissipated_work + 0.0], self._remarks()]
+        cells += [[fixed(value, 3) for value in self.path.dissipated_work], self._remarks()]
         return text_table(head, [[str(step), *row] for step, row in enumerate(zip(*cells, strict=True))], left=0)
 
     def _remarks(self) -> list[str]:
@@ -120,21 +116,14 @@ class TracedPath:
 
     def as_csv(self) -> str:
         """Every step as a line of CSV; units are in the head."""
-        columns, stream = self.columns, io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["step", *columns])
-        for step, row in enumerate(zip(*(values.tolist() for values in columns.values()), strict=True)):
-            writer.writerow([step, *row])
-        return stream.getvalue().rstrip("\n")
+        columns = {"step": np.arange(len(self.inputs)), **self.columns}
+        return csv_text(columns, zip(*(values.tolist() for values in columns.values()), strict=True))
 
     def as_json(self) -> str:
         """Every column as a list, JSON text; units are in the key names."""
         content = {"mechanism": self.path.mechanism.name, "given": self.given, "usable": bool(self.path.ok.all())}
         columns = {name: [_plain(value) for value in values.tolist()] for name, values in self.columns.items()}
         return json.dumps(content | {"steps": columns}, indent=2, allow_nan=False)
-
-
-_FORCES = ("largest_normal", "insertion_force")
 
 
 def _plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +16,14 @@ from rollingjoint.checks import as_floats, as_integer, as_positive
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
-from rollingjoint.inverse.search import PREFERENCES, all_solutions, checked_lever, preferred_tensions, reach
+from rollingjoint.inverse.search import (
+    PREFERENCES,
+    all_solutions,
+    checked_lever,
+    checked_wall_force,
+    preferred_tensions,
+    reach,
+)
 from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, drive, step_to
 from rollingjoint.load import Load
 from rollingjoint.plan.path import among_walls, between, target_like
@@ -86,18 +94,19 @@ def plan_path(
     limits = tension_limits_of(tension_limits, mechanism.n_tendons)
     if not ((limits[0] >= 0.0) & (limits[0] <= limits[1]) & np.isfinite(limits[0])).all():
         raise InvalidInput("tension_limits", limits.tolist(), "0 <= lowest <= highest")
-    rates = np.broadcast_to(as_floats("rate", rate, "mm/s, a number or one per tendon"), (mechanism.n_tendons,))
-    if not (rates > 0.0).all():
-        raise InvalidInput("rate", rate, "positive numbers [mm/s]")
-    cap = np.inf if wall_force == np.inf else as_positive("wall_force", wall_force, "a positive number [N], or inf")
+    allowed = f"a positive number [mm/s], or {mechanism.n_tendons}, one per tendon"
+    rates = as_floats("rate", rate, allowed)
+    if rates.shape not in ((), (mechanism.n_tendons,)) or not (rates > 0.0).all():
+        raise InvalidInput("rate", rate, allowed)
+    cap = checked_wall_force(wall_force)
     near, count = as_positive("tolerance", tolerance, "a positive number [mm]"), as_integer("starts", starts, 1)
     walls = None if surroundings is None else walls_of(surroundings, mechanism)
     preferred_tensions(prefer, *limits)
-    words = [prefer, *(word for word in PREFERENCES if word != prefer and (np.isfinite(limits[1]).all()))]
+    words = [prefer, *(word for word in PREFERENCES if word != prefer and np.isfinite(limits[1]).all())]
     situation = Situation(mechanism, loads, limits, np.zeros(mechanism.n_tendons), cap, walls, task.bases[0])
     best: _Way | None = None
     solves = 0
-    for word, (begin, spent) in _limited(_begins(task, situation, words, start, near), count):
+    for word, (begin, spent) in itertools.islice(_begins(task, situation, words, start, near), count):
         way = _follow(task, begin, word, rates, near, detours=False)
         solves += spent + way.solves
         if best is None or way.faults < best.faults:
@@ -143,8 +152,10 @@ class _Targets:
             raise InvalidInput("shape of the path", targets.shape, "(K, ...), a target or more")
         Goal.of(mechanism, targets, lever, single=False)
         due = None if times is None else as_floats("times", times, f"{len(targets)} numbers [s]")
-        if due is not None and (due.shape != (len(targets),) or not (np.diff(due) > 0.0).all()):
-            raise InvalidInput("times", times, f"{len(targets)} growing numbers [s], one per target")
+        if due is not None and not (
+            due.shape == (len(targets),) and np.isfinite(due).all() and (np.diff(due) > 0).all()
+        ):
+            raise InvalidInput("times", times, f"{len(targets)} finite numbers that grow [s], one per target")
         bases, shape = bases_of(base, len(targets)), targets.shape[1:]
         among = surroundings is not None
         if not among and bases.any():
@@ -189,10 +200,6 @@ class _Way:
         misses = [step.pose.distance for step in self.steps if step.ok]
         missed = self.numbers[-1] + 1 - len(reached)
         return missed, sum(step.snapped for step in self.steps), float(np.mean(misses)) if misses else np.inf
-
-
-def _limited(items: Iterator[Any], count: int) -> Iterator[Any]:
-    return (item for _, item in zip(range(count), items, strict=False))
 
 
 def _begins(

@@ -17,6 +17,7 @@ from rollingjoint import (
     WallFriction,
 )
 from rollingjoint.load import load_table
+from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST
 
 torch = pytest.importorskip("torch")
 
@@ -32,9 +33,7 @@ from rollingjoint.differentiable.surroundings import PARAMETERS, numeric  # noqa
 
 torch.set_num_threads(1)
 
-CHAIN = rj.two_segment(4, 4, height=10, radius=7, half_width=5)
-LENGTHS = CHAIN.neutral_lengths - 2.0 / CHAIN.stiffnesses + [0.4, -0.3, 0.2, 0.1]
-LIMITS = (0.5, 15.0)
+LENGTHS = REST + np.array([0.4, -0.3, 0.2, 0.1])
 LUMEN = Lumen([30, 40, 40, 30], [0, 0.02, -0.02, 0], [8, 8, 7.5, 7, 7], stiffness=2, toe=0.3)
 SCENES = {
     "a lumen that tapers, a disc in it, a plane": (

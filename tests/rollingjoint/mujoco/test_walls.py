@@ -5,8 +5,8 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint.mujoco import mjcf, positions
+from tests.rollingjoint.walls.scenes import CHAIN
 
-CHAIN = rj.two_segment(4, 4, height=10, radius=7, half_width=5)
 TENSIONS = (6, 2, 2, 2)
 SCENES = {  # walls, base, largest distance of the tip [mm]
     "plane": ([rj.HalfPlane((1, 0.2), -12)], (0, 0, 0), 1e-3),  # two links touch it at nearly the same place

@@ -23,12 +23,11 @@ from rollingjoint import (
     solve_lengths,
 )
 from rollingjoint.chain.outline import rotation, to_world
-from rollingjoint.chain.presets import two_segment
 from rollingjoint.plotting import plot_family, plot_mechanism, plot_wall_contacts
 from rollingjoint.plotting.walls import in_world, places_and_forces
 from rollingjoint.surroundings.shapes import closed, stadium, wall_lumens
+from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST
 
-CHAIN = two_segment(4, 4, height=10, radius=7, half_width=5)
 LUMEN = Lumen([30, 40, 40, 30], [0, 0.02, -0.02, 0], [8, 8, 8, 7.5, 7.5], stiffness=2)
 BASE = (1.0, 40.0, 0.1)
 
@@ -40,9 +39,9 @@ def close_figures():
 
 
 def pressed(base=BASE, walls=(LUMEN,), loads=()):
-    lengths = CHAIN.neutral_lengths - 2.0 / CHAIN.stiffnesses + [-2.0, 1.8, 2.0, -2.0]
+    lengths = REST + np.array([-2.0, 1.8, 2.0, -2.0])
     around = Surroundings(walls, Sleeve(5.0))
-    return solve_lengths(CHAIN, lengths, loads, surroundings=around, base=base, tension_limits=(0.5, 15)).require()
+    return solve_lengths(CHAIN, lengths, loads, surroundings=around, base=base, tension_limits=LIMITS).require()
 
 
 def test_everything_is_drawn_in_the_frame_of_the_walls():
@@ -100,12 +99,11 @@ def test_the_outline_of_a_bar_is_its_radius_away_from_its_axis():
 
 
 def test_a_path_shows_stick_slip_and_the_force_on_the_base():
-    lengths = CHAIN.neutral_lengths - 2.0 / CHAIN.stiffnesses
     around = Surroundings([LUMEN], Sleeve(5.0), WallFriction(0.2))
     feeds = [30.0, 31.0, 32.0, 31.99]
-    path = [solve_lengths(CHAIN, lengths, surroundings=around, base=(0, feeds[0], 0))]
+    path = [solve_lengths(CHAIN, REST, surroundings=around, base=(0, feeds[0], 0))]
     for feed in feeds[1:]:
-        path.append(solve_lengths(CHAIN, lengths, surroundings=around, base=(0, feed, 0), history=path[-1]))
+        path.append(solve_lengths(CHAIN, REST, surroundings=around, base=(0, feed, 0), history=path[-1]))
     figure = plot_wall_contacts(path, feeds)
     top = figure.axes[0]
     states = [touch.state for eq in path for touch in eq.wall_contacts]

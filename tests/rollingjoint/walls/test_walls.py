@@ -7,9 +7,8 @@ import pytest
 
 import rollingjoint as rj
 from tests.rollingjoint.walls.outlines import bare, sleeve, walls
+from tests.rollingjoint.walls.scenes import CHAIN, LIMITS, REST
 
-CHAIN = rj.two_segment(4, 4, height=10.0, radius=7.0, half_width=5.0)
-REST = CHAIN.neutral_lengths - 2.0 / CHAIN.stiffnesses
 SCENES = {
     "plane": {"planes": [(0.96, -0.28, -22.0, 2.0)]},
     "discs": {"discs": [(-10.0, 45.0, 5.0, 2.0), (9.0, 70.0, 4.0, 2.0)]},
@@ -20,7 +19,6 @@ SCENES = {
 ALL = {kind: items for scene in SCENES.values() for kind, items in scene.items()}
 COMMANDS = REST + np.array([[-1.0, 0.9, -0.5, 0.4], [0.8, -0.9, 0.4, -0.5], [-0.4, 0.3, 1.0, -1.2]])
 BASE = (0.5, -1.0, 0.05)
-LIMITS = (0.5, 15.0)
 
 
 def scene(name, outline=None, **settings):
