@@ -1,4 +1,4 @@
-"""Time of a step with 64 different mechanisms, over that with one: rj_gym/ManyMechanisms-v0 beside rj_gym/RollingJoint-v0.
+"""Time of a step with 64 different mechanisms and with one: rj_gym/ManyMechanisms-v0 beside rj_gym/RollingJoint-v0.
 
     python benchmarks/many_mechanisms.py               # the table of docs/generalist.md
     python benchmarks/many_mechanisms.py --lanes 64    # with this number of lanes alone
@@ -33,7 +33,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args(argv)
     rows = [
-        [f"{links[0]} to {links[1]}" if links[0] < links[1] else f"{links[0]}", f"{lanes:,}", *_row(links, lanes, arguments.rounds)]
+        [
+            f"{links[0]} to {links[1]}" if links[0] < links[1] else f"{links[0]}",
+            f"{lanes:,}",
+            *_row(links, lanes, arguments.rounds),
+        ]
         for links in ((5, 5), (3, 8))
         for lanes in arguments.lanes
     ]

@@ -123,6 +123,7 @@ __all__ = [
     "DESIGN_IDS",
     "FAMILIES",
     "IDS",
+    "MANY_IDS",
     "SURROUNDINGS_IDS",
     "ActuationConfig",
     "ArmInstrumentConfig",
@@ -221,11 +222,17 @@ __all__ = [
     "surroundings_observation_entries",
 ]
 
-IDS = {row.env_id: row.stem for row in TABLE if row.tracks}
-"""Registered ids of the tracking tasks and the stem of their classes: <stem>Env, and <stem>VectorEnv for make_vec."""
+IDS = {row.env_id: row.stem for row in TABLE if row.family in ("planar", "arm")}
+"""Registered ids of the tracking tasks with one mechanism and the stem of their classes.
+
+The classes are <stem>Env, and <stem>VectorEnv for make_vec.
+"""
 
 DESIGN_IDS = {row.env_id: row.stem for row in TABLE if row.family == "design"}
 """The same for the design task."""
+
+MANY_IDS = {row.env_id: row.stem for row in TABLE if row.family == "many"}
+"""The same for tracking with many mechanisms."""
 
 SURROUNDINGS_IDS = {row.env_id: row.stem for row in TABLE if row.family == "surroundings"}
 """The same for the tasks among walls."""

@@ -202,10 +202,8 @@ def task_of(config: Settings) -> Any:
     Raises:
         ConfigError, MechanismError: settings of no task, or a mechanism that cannot be loaded.
     """
-    names = [kind.__name__ for kind in type(config).__mro__]
-    for row in TABLE:
-        if row.settings in names:
-            return row.env_class.task_class(config)
+    if (row := registration_of(config)) is not None:
+        return row.env_class.task_class(config)
     raise ConfigError("settings", config, f"of {', '.join(dict.fromkeys(row.settings for row in TABLE))}")
 
 

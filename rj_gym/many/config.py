@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from rj_gym.core.settings import Settings
-from rj_gym.many.designs import MOST_LINKS, Designs, plain_space
+from rj_gym.many.designs import MOST_LINKS, DrawnDesigns, plain_space
 from rj_gym.tracking.config import TrackingConfig
 from rj_gym.tracking.terms import Terms
 from rollingjoint.checks import as_integer
@@ -15,14 +15,14 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 
 LARGEST_NUMBER = 2**31
-"""Designs have numbers below this."""
+"""DrawnDesigns have numbers below this."""
 
 
 @dataclass(frozen=True)
 class MechanismsConfig(Settings):
     """The mechanisms from which episodes draw.
 
-    Design k is always the same: its number of links, uniform over `links`, and a valid design of the space with that
+    DrawnDesign k is always the same: its number of links, uniform over `links`, and a valid design of the space with that
     number of links, uniform in the space's box, come from a random generator with the seed k. So designs for
     training, for choosing and for tests are ranges that do not overlap.
 
@@ -46,9 +46,9 @@ class MechanismsConfig(Settings):
         self._set("designs", _whole_range("mechanisms.designs", self.designs, 0, LARGEST_NUMBER, 1))
 
     @property
-    def drawn(self) -> Designs:
+    def drawn(self) -> DrawnDesigns:
         """The designs."""
-        return Designs.of(self.space, self.links)
+        return DrawnDesigns.of(self.space, self.links)
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,12 @@ class ManyMechanismsConfig(TrackingConfig):
         given, reference = self.mechanism, self.mechanisms.drawn.reference(self.mechanisms.links[1])
         if given is reference:
             return
-        if isinstance(given, str) or mechanism_to_dict(given) | {"name": reference.name} != mechanism_to_dict(reference):
-            raise ConfigError("mechanism", given, "'': mechanisms come from `mechanisms`", "rj_gym/RollingJoint has one.")
+        if isinstance(given, str) or mechanism_to_dict(given) | {"name": reference.name} != mechanism_to_dict(
+            reference
+        ):
+            raise ConfigError(
+                "mechanism", given, "'': mechanisms come from `mechanisms`", "rj_gym/RollingJoint has one."
+            )
 
     def of_one(self, mechanism: Any) -> TrackingConfig:
         """The settings of RollingJoint with this mechanism, and all else as here."""

@@ -29,7 +29,7 @@ _BOUND = 5.0
 
 
 @dataclass(frozen=True)
-class Designs:
+class DrawnDesigns:
     """The designs of a space with any number of links.
 
     Args:
@@ -40,7 +40,7 @@ class Designs:
     links: tuple[int, int]
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any], links: tuple[int, int]) -> Designs:
+    def of(cls, settings: Mapping[str, Any], links: tuple[int, int]) -> DrawnDesigns:
         """From the plain settings of the space."""
         return cls(_space(settings), links)
 
@@ -48,23 +48,19 @@ class Designs:
         """The plain chain of the space with this number of links."""
         return _reference(replace(self.space, n_links=n_links))
 
-    def __getitem__(self, number: int) -> Design:
+    def __getitem__(self, number: int) -> DrawnDesign:
         """The design with this number, the same object every time."""
         return _design(self, number)
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """A mechanism, its number, or -1 if it has none, and what observations tell of it.
-
-    Attributes:
-        place: of its number of links among all. description: its entries for links that are there, in order.
-    """
+class DrawnDesign:
+    """A mechanism, its number, or -1 if it has none, and what observations tell of it."""
 
     number: int
     mechanism: RollingChain
 
-    @property
+    @functools.cached_property
     def n_links(self) -> int:
         """Number of links, the base included."""
         return self.mechanism.n_links
@@ -125,9 +121,9 @@ def _reference(space: DesignSpace) -> RollingChain:
 
 
 @functools.lru_cache(maxsize=8192)
-def _design(designs: Designs, number: int) -> Design:
+def _design(designs: DrawnDesigns, number: int) -> DrawnDesign:
     generator, (fewest, most) = np.random.default_rng(number), designs.links
     space = replace(designs.space, n_links=int(generator.integers(fewest, most + 1)))
     with torch.no_grad():
         chain = space.chain(torch.as_tensor(space.sample(1, generator)[0])).mechanism()
-    return Design(number, chain.replace(name=f"design {number}, {chain.n_links} links"))
+    return DrawnDesign(number, chain.replace(name=f"design {number}, {chain.n_links} links"))

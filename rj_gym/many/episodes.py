@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Generators, Random
-from rj_gym.many.designs import Design, description_entries
-from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, OneSizeTask, by_links
+from rj_gym.many.designs import DrawnDesign, description_entries
+from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.tangent import Tangent
@@ -33,7 +34,7 @@ class _Known:
         self.mechanisms: tuple[RollingChain, ...] = ()
         self._places: dict[RollingChain, int] = {}
 
-    def chosen(self, designs: Sequence[Design], options: TrackingOptions) -> Chosen:
+    def chosen(self, designs: Sequence[DrawnDesign], options: TrackingOptions) -> Chosen:
         """Episodes with these designs."""
         drawn = dict.fromkeys(design.mechanism for design in designs)
         new = [mechanism for mechanism in drawn if mechanism not in self._places]
@@ -64,7 +65,7 @@ class _Size:
         self._truth_parts = _slices(task.truth_places[n_links]) if task.tells_truth else []
         self.place([], NO_ROWS)
 
-    def place(self, designs: Sequence[Design], lanes: Rows) -> None:
+    def place(self, designs: Sequence[DrawnDesign], lanes: Rows) -> None:
         """Have the first rows be these lanes, with these designs."""
         self.designs, self.lanes = list(designs), np.asarray(lanes, np.int64)
 
@@ -76,7 +77,7 @@ class _Size:
             self.place([self.designs[row] for row in rows], self.lanes[rows])
 
     def join(
-        self, lanes: Rows, designs: Sequence[Design], rngs: Random, options: TrackingOptions
+        self, lanes: Rows, designs: Sequence[DrawnDesign], rngs: Random, options: TrackingOptions
     ) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, in the next rows; their info["sampled"], and observations in plain units."""
         count, begins = len(self.lanes), self.buffer
@@ -136,7 +137,7 @@ class ManyEpisodeBuffer(EpisodeBuffer):
     def __init__(self, task: ManyMechanismsTask, capacity: int, goal: bool = False) -> None:
         super().__init__(task, capacity, goal)
         self.readings = np.zeros((capacity, task.columns))
-        self.designs: list[Design | None] = [None] * capacity
+        self.designs: list[DrawnDesign | None] = [None] * capacity
         self._sizes: dict[int, _Size] = {}
         entries, truths = len(task.entries()), len(task.privileged_entries())
         self._rows, self._row_readings = np.zeros((capacity, entries), np.float32), np.zeros(self.readings.shape)
@@ -202,8 +203,8 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         """Everything that later steps depend on, copied: plain values and arrays."""
         return {
             "designs": np.array([-1 if design is None else design.number for design in self.designs], np.int64),
-            "lanes": {size.n_links: size.lanes.copy() for size, _ in self._running},
-            "episodes": {size.n_links: size.buffer.get_state() for size, _ in self._running},
+            "lanes": {str(size.n_links): size.lanes.copy() for size, _ in self._running},
+            "episodes": {str(size.n_links): size.buffer.get_state() for size, _ in self._running},
         }
 
     def set_state(self, state: Any) -> None:
@@ -213,7 +214,7 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         check_whole("designs", numbers, -1, 2**31)
         lanes = checked_parts(parts["lanes"], tuple(parts["episodes"]), "state: lanes")
         together = np.concatenate([np.asarray(value) for value in lanes.values()] or [NO_ROWS])
-        if not set(lanes) <= set(self.task.sizes) or sorted(together.tolist()) != list(range(self.capacity)):
+        if not set(lanes) <= set(map(str, self.task.sizes)) or sorted(together.tolist()) != list(range(self.capacity)):
             raise InvalidInput("state: lanes", lanes, f"each of {self.capacity} lanes once, by number of links")
         before = self.get_state() if self.designs[0] is not None else None
         try:
@@ -236,11 +237,11 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         for size in self._sizes.values():
             size.leave(np.zeros(len(size.lanes), bool))
         for n, state in episodes.items():
-            size = self._size(n)
+            size = self._size(int(n))
             size.buffer.set_state(state)
             mechanisms = size.buffer.solver.mechanisms
             rows = size.buffer.solver.designs[: len(lanes[n])]
-            own = [Design(int(numbers[lane]), mechanisms[row]) for lane, row in zip(lanes[n], rows, strict=True)]
+            own = [DrawnDesign(int(numbers[lane]), mechanisms[row]) for lane, row in zip(lanes[n], rows, strict=True)]
             size.place(own, lanes[n])
             self._describe(size.lanes, own)
         self._arrange()
@@ -263,7 +264,7 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             self._sizes[n_links] = _Size(self.task, n_links, self.capacity)
         return self._sizes[n_links]
 
-    def _describe(self, lanes: Rows, designs: Sequence[Design]) -> None:
+    def _describe(self, lanes: Rows, designs: Sequence[DrawnDesign]) -> None:
         """Note the designs of lanes, and their units."""
         own = [self.task.own_units(design) for design in designs]
         self._units[:, lanes] = np.stack([units.entries for units in own], axis=1)
@@ -287,8 +288,8 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             size.readings(self._row_readings[rows])
         np.take(self._row_readings, self._row_of, axis=0, out=self.readings)
         if self.task.tells_truth:
-            truths, (_, shifts, factors) = self.readings[:, self.task.plain_columns :], self._truth_units
-            truths[:] = ((truths - shifts) * factors).clip(*self.task.privileged_bounds())
+            truths, (_, shift, factor) = self.readings[:, self.task.plain_columns :], self._truth_units
+            truths[:] = ((truths - shift) * factor).clip(*self.task.privileged_bounds())
         return observations
 
     def _kept(self) -> dict[str, NDArray[Any]]:
@@ -305,6 +306,6 @@ def _slices(places: NDArray[np.intp]) -> list[tuple[slice, slice]]:
     cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
     return [
         (slice(int(places[first]), int(places[last - 1]) + 1), slice(first, last))
-        for first, last in zip(cuts, cuts[1:], strict=False)
+        for first, last in itertools.pairwise(cuts)
         if last > first
     ]

@@ -14,11 +14,11 @@ from rj_gym.core.arguments import checked_keys
 from rj_gym.core.generators import Random, Uniforms, blocks_of
 from rj_gym.core.task import Entry
 from rj_gym.many.config import ManyMechanismsConfig
-from rj_gym.many.designs import Design, description_entries
+from rj_gym.many.designs import DrawnDesign, description_entries
 from rj_gym.tracking.arrays import Rules
-from rj_gym.tracking.draws import tendon_stiffnesses
+from rj_gym.tracking.draws import TrackingDraws, tendon_stiffnesses
 from rj_gym.tracking.options import NOTHING_FIXED, OPTIONS, TrackingOptions
-from rj_gym.tracking.planar import PlanarDraws, PlanarTask
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
@@ -38,7 +38,7 @@ class Chosen(NamedTuple):
     options: TrackingOptions
 
     @classmethod
-    def of(cls, designs: Sequence[Design], options: TrackingOptions) -> Chosen:
+    def of(cls, designs: Sequence[DrawnDesign], options: TrackingOptions) -> Chosen:
         """Episodes with these designs."""
         places: dict[RollingChain, int] = {}
         rows = [places.setdefault(design.mechanism, len(places)) for design in designs]
@@ -62,7 +62,7 @@ class OwnUnits(NamedTuple):
 class ManyOptions:
     """Values that a reset fixes: the design, None is drawn; the others, by number of links."""
 
-    design: Design | None
+    design: DrawnDesign | None
     by_links: Mapping[int, TrackingOptions]
 
 
@@ -73,7 +73,7 @@ class OneSizeTask(PlanarTask):
     `own_units` brings them into those of each mechanism.
     """
 
-    def sample(self, rngs: Random, fixed: Any = None) -> PlanarDraws:
+    def sample(self, rngs: Random, fixed: Any = None) -> TrackingDraws:
         """One episode per generator, `fixed` a Chosen."""
         draws, (mechanisms, designs, _) = super().sample(rngs, fixed.options), fixed
         stiffnesses = tendon_stiffnesses(mechanisms).take(designs, axis=0)
@@ -119,7 +119,7 @@ class ManyMechanismsTask(PlanarTask):
         self.drawn, (fewest, most) = config.mechanisms.drawn, config.mechanisms.links
         super().__init__(replace(config, mechanism=self.drawn.reference(most)))
         self.sizes = {n: OneSizeTask(config.of_one(self.drawn.reference(n))) for n in range(fewest, most + 1)}
-        self._designs: dict[int, Design] = {}
+        self._designs: dict[int, DrawnDesign] = {}
         self._own_units: dict[RollingChain, OwnUnits] = {}
         self._own_tasks: dict[RollingChain, PlanarTask] = {}
 
@@ -161,13 +161,13 @@ class ManyMechanismsTask(PlanarTask):
         own = self.pictured
         return {n: np.array(list(map(own.index, task.pictured)), np.intp) for n, task in self.sizes.items()}
 
-    def own_units(self, design: Design) -> OwnUnits:
+    def own_units(self, design: DrawnDesign) -> OwnUnits:
         """The units of the mechanism of a design."""
         if design.mechanism not in self._own_units:
             self._own_units[design.mechanism] = self._units_of(design)
         return self._own_units[design.mechanism]
 
-    def _units_of(self, design: Design) -> OwnUnits:
+    def _units_of(self, design: DrawnDesign) -> OwnUnits:
         task, entries, truths = self.sizes[design.n_links], self.entries(), self.privileged_entries()
         units, truth_units = (np.repeat([[0.0], [0.0], [1.0]], len(each), axis=1) for each in (entries, truths))
         units[0] = [min(max(design.described.get(entry.name, 0.0), entry.low), entry.high) for entry in entries]
@@ -176,7 +176,7 @@ class ManyMechanismsTask(PlanarTask):
         truth_units[1:, self.truth_places[design.n_links]] = own
         return OwnUnits(units.astype(np.float32), truth_units)
 
-    def choose(self, rngs: Random, fixed: ManyOptions | None = None) -> list[Design]:
+    def choose(self, rngs: Random, fixed: ManyOptions | None = None) -> list[DrawnDesign]:
         """The designs of episodes, one per generator, each of which gives one number."""
         uniforms = Uniforms(_ONE_NUMBER, rngs)["design"][:, 0]
         if fixed is not None and fixed.design is not None:
@@ -185,7 +185,7 @@ class ManyMechanismsTask(PlanarTask):
         numbers = first + (uniforms * (stop - first)).astype(np.int64)
         return [self.design(number) for number in numbers.tolist()]
 
-    def design(self, number: int) -> Design:
+    def design(self, number: int) -> DrawnDesign:
         """The design with this number."""
         if number not in self._designs:
             self._designs[number] = self.drawn[number]
@@ -215,7 +215,7 @@ class ManyMechanismsTask(PlanarTask):
             design = self.design(as_integer("options['design']", number, 0))
         sizes = self.sizes
         if mechanism is not None:
-            design = Design(-1, self._checked_mechanism(mechanism))
+            design = DrawnDesign(-1, self._checked_mechanism(mechanism))
         if design is not None:
             sizes = {design.n_links: sizes[design.n_links]}
         return ManyOptions(design, {n: task.checked_options(others) for n, task in sizes.items()})
@@ -230,8 +230,8 @@ class ManyMechanismsTask(PlanarTask):
         chain: RollingChain = self.sizes[n].checked_options({"mechanism": mechanism}).mechanism
         return chain
 
-    def own_task(self, design: Design) -> PlanarTask:
-        """The task of RollingJoint with the mechanism of a design, and all else as here: for controllers with a model."""
+    def own_task(self, design: DrawnDesign) -> PlanarTask:
+        """The task of RollingJoint with the mechanism of a design, for controllers with a model; all else as here."""
         if design.mechanism not in self._own_tasks:
             self._own_tasks[design.mechanism] = PlanarTask(self.config.of_one(design.mechanism))
         return self._own_tasks[design.mechanism]
@@ -243,7 +243,7 @@ class ManyMechanismsTask(PlanarTask):
             return {"observation": self.own_observations(observations["observation"], n_links), "privileged": truths}
         return observations[:, self.places[n_links]]
 
-    def episodes_by_links(self, rngs: Sequence[Any]) -> list[tuple[NDArray[np.int64], PlanarTask, PlanarDraws]]:
+    def episodes_by_links(self, rngs: Sequence[Any]) -> list[tuple[NDArray[np.int64], OneSizeTask, TrackingDraws]]:
         """The episodes of these generators by number of links: their places, their task, their random numbers."""
         designs = self.choose(rngs)
         parts = []
@@ -253,7 +253,7 @@ class ManyMechanismsTask(PlanarTask):
         return parts
 
 
-def by_links(designs: Sequence[Design]) -> dict[int, NDArray[np.int64]]:
+def by_links(designs: Sequence[DrawnDesign]) -> dict[int, NDArray[np.int64]]:
     """The places of designs with the same number of links, by that number."""
     sizes = np.array([design.n_links for design in designs])
     return {int(n): np.flatnonzero(sizes == n) for n in np.unique(sizes)}

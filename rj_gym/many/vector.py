@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import TaskVectorEnv
-from rj_gym.many.designs import Design
+from rj_gym.many.designs import DrawnDesign
 from rj_gym.many.env import ManyMechanismsEnv
 
 
@@ -21,6 +21,6 @@ class ManyMechanismsVectorEnv(TaskVectorEnv):
     scalar: ClassVar[type[TaskEnv]] = ManyMechanismsEnv
 
     @property
-    def designs(self) -> list[Design | None]:
+    def designs(self) -> list[DrawnDesign | None]:
         """The designs of the lanes, None before they begin."""
         return list(self._buffer.designs)  # type: ignore[attr-defined]

@@ -131,7 +131,7 @@ class LaneSolver:
             self.alone(row, row + 1)
 
     def solve_near(self, commands: Array, starts: Array) -> None:
-        """Solve the first lanes under commands (count, m) [mm] from joint angles (count, J) [rad]; with friction, steps."""
+        """Solve the first lanes under commands (count, m) [mm] from angles (count, J) [rad]; with friction, steps."""
         self.laws.command[: len(commands)], self.starts[: len(starts)] = commands, starts
         run_in_threads(self._steps or self.alone, len(starts), starts.shape[1])
 
