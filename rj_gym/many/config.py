@@ -15,14 +15,14 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 
 LARGEST_NUMBER = 2**31
-"""DrawnDesigns have numbers below this."""
+"""Designs have numbers below this."""
 
 
 @dataclass(frozen=True)
 class MechanismsConfig(Settings):
     """The mechanisms from which episodes draw.
 
-    DrawnDesign k is always the same: its number of links, uniform over `links`, and a valid design of the space with that
+    Design k is always the same: its number of links, uniform over `links`, and a valid design of the space with that
     number of links, uniform in the space's box, come from a random generator with the seed k. So designs for
     training, for choosing and for tests are ranges that do not overlap.
 
@@ -88,19 +88,20 @@ class ManyMechanismsConfig(TrackingConfig):
         if self.mechanism == "":
             return
         given, reference = self.mechanism, self.mechanisms.drawn.reference(self.mechanisms.links[1])
-        if given is reference:
-            return
-        if isinstance(given, str) or mechanism_to_dict(given) | {"name": reference.name} != mechanism_to_dict(
-            reference
-        ):
-            raise ConfigError(
-                "mechanism", given, "'': mechanisms come from `mechanisms`", "rj_gym/RollingJoint has one."
-            )
+        if isinstance(given, str) or _numbers(given) != _numbers(reference):
+            hint = "rj_gym/RollingJoint-v0 has one mechanism."
+            raise ConfigError("mechanism", given, "'': mechanisms come from `mechanisms`", hint)
+        self._set("mechanism", reference)
 
     def of_one(self, mechanism: Any) -> TrackingConfig:
         """The settings of RollingJoint with this mechanism, and all else as here."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(TrackingConfig)}
         return TrackingConfig(**values | {"mechanism": mechanism})
+
+
+def _numbers(mechanism: Any) -> dict[str, Any]:
+    """A mechanism as plain values, without its name."""
+    return mechanism_to_dict(mechanism) | {"name": ""}
 
 
 def _whole_range(what: str, value: Any, low: int, high: int, apart: int) -> tuple[int, int]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from rj_gym.core.task import Entry
@@ -117,13 +116,14 @@ def _space(settings: Mapping[str, Any]) -> DesignSpace:
 
 @functools.lru_cache(maxsize=64)
 def _reference(space: DesignSpace) -> RollingChain:
-    return space.chain(torch.as_tensor(space.reference())).mechanism()
+    reference: Any = space.reference()
+    return space.chain(reference).mechanism()
 
 
 @functools.lru_cache(maxsize=8192)
 def _design(designs: DrawnDesigns, number: int) -> DrawnDesign:
     generator, (fewest, most) = np.random.default_rng(number), designs.links
     space = replace(designs.space, n_links=int(generator.integers(fewest, most + 1)))
-    with torch.no_grad():
-        chain = space.chain(torch.as_tensor(space.sample(1, generator)[0])).mechanism()
+    vector: Any = space.sample(1, generator)[0]
+    chain = space.chain(vector).mechanism()
     return DrawnDesign(number, chain.replace(name=f"design {number}, {chain.n_links} links"))
