@@ -9,6 +9,7 @@ Modules:
     guard: what every goal passes before it is sent.
     loop: a rig: motors, load cells, guard, pace and recording.
     env: RigEnv, the observations of a simulated task from a rig.
+    camera: the tip as a camera sees it, by balls on the links.
     calibrate: signs, homing by tension, sweeps on the bench.
     settings: the file of a rig, and its calibration.
     dynamixel: Dynamixel XM430-W350 by the manufacturer's SDK.

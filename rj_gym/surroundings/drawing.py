@@ -26,7 +26,7 @@ Rng = np.random.Generator
 BEFORE = 10.0  # mm: from the origin of the base back to the start of a lumen
 NOSE = 10.0  # mm: from the tip at rest to the first bend
 AHEAD = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0)  # mm: places of the centre line that can be seen ahead of the tip
-_LINE_BEFORE = 30.0  # mm of the line before the first bend; the tip starts NOSE before it
+LINE_BEFORE = 30.0  # mm of the line before the first bend; the tip starts NOSE before it
 _LAST_PIECE = 80.0
 _MOST_DRAWS = 200
 
@@ -71,14 +71,14 @@ def lumen_scene(
     lumen, depth = drawn if lumen is None else lumen, drawn_depth if depth is None else depth
     begin = lumen.lengths[0]
     deepest = config.depth[1] + AHEAD[-1]
-    line = centre_points(lumen, begin - _LINE_BEFORE, begin + deepest + 10.0)
+    line = centre_points(lumen, begin - LINE_BEFORE, begin + deepest + 10.0)
     if lumen.radius(begin) <= config.sleeve:
         allowed = f"more than {config.sleeve:g} mm, the radius of the sleeve"
         raise InvalidInput("radius of options['lumen']", float(lumen.radius(begin)), allowed)
     if depth > deepest:
         raise InvalidInput("options['depth']", depth, f"at most {deepest:g} mm", "Set a larger depth in the settings.")
     values |= {"radius": float(lumen.radius(begin)), "stiffness": lumen.stiffness, "mu": mu, "depth": depth}
-    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
+    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, LINE_BEFORE + depth, values)
 
 
 class DrawnTask(Protocol):
