@@ -42,7 +42,7 @@ from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism
 
 REFERENCE, JOINT = "reference", "joint"
 MECHANISM = "mechanism.yaml"
-_EARLY = 3  # seeds that come before the random designs
+_EARLY = 2  # seeds that come before the random designs
 _NO_DESIGN = 100.0  # cost of a design that a search around policies cannot use
 
 
@@ -146,7 +146,7 @@ class Study:
     def units(self) -> Iterator[str]:
         """Names of all units, in an order in which they can be worked on.
 
-        Three seeds come before the random designs and the others after them, so that the report of a command that is
+        Two seeds come before the random designs and the others after them, so that the report of a command that is
         stopped early has something in every table.
         """
         seeds, names = self.config.seeds, (JOINT, REFERENCE, *self.rivals)
