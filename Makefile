@@ -63,7 +63,7 @@ demo: setup
 
 test: setup
 	@echo "==> Running the tests"
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --durations=25
 
 test-slow: setup
 	@echo "==> Running the slow tests"
