@@ -274,7 +274,7 @@ def draw(folder: Path) -> None:
     for axes in (left, right):
         axes.set_axis_off()
         axes.legend(loc="lower right")
-    figure.savefig(folder / "camera.png", dpi=90)
+    figure.savefig(folder / "camera.png", dpi=90, bbox_inches="tight")
 
 
 if __name__ == "__main__":

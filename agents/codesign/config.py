@@ -28,7 +28,8 @@ class SearchAround:
 
     Args:
         methods: settings by name of a method of `rj search`.
-        budget: designs of each. updates: of the policy for every design, from that of the reference.
+        budget: designs of each method.
+        updates: of the policy for every design, from that of the reference.
     """
 
     methods: Mapping[str, Any] = field(default_factory=dict)
@@ -53,7 +54,8 @@ class PairConfig:
             With `opposite: true` the least of what more is better of, or the other way round.
         pairs: how pairs are trained: fields of PairSettings.
         episodes: number of episodes for training, validation and test, in this order.
-        rival_budget: designs that the search for the best of an objective evaluates. rival_starts: descents of it.
+        rival_budget: designs that the search for the best of an objective evaluates.
+        rival_starts: descents of that search.
         random: random designs, over which the ranks of objectives and of control are compared; 0: none.
         random_updates: of the policy for each of them.
         search: a search around retrained policies; without methods none.

@@ -180,33 +180,61 @@ def connected(
         RigError, ConfigError: ports, motors or a calibration that cannot be used.
     """
     from agents.rig.cells import SerialCells
-    from agents.rig.dynamixel import Dynamixels, DynamixelSettings
 
     spools = settings.spools(calibrated)
-    bus: Any = None
-    clock: LoopClock = WallClock()
-    ports = str(settings.motors.get("port")), str(settings.cells.get("port"))
-    if settings.simulated is not None:
-        bus, clock = simulated_bus(settings)
-        ports = bus.port, bus.cell_port
-    try:
-        options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
-                   if settings.motors.get(name) is not None}  # fmt: skip
-        patience = 2000.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, kernels may compile
-        bus_settings = DynamixelSettings(port=ports[0], **options)
-        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, patience)
-        if isinstance(clock, VirtualClock):
-            clock.quiet.append(lambda: bus.received >= motors.port.sent)
+    with _driver(settings, spools) as (motors, bus, clock):
         motors.connect()
         m, baud = settings.mechanism.n_tendons, settings.cells["baud"]
-        cells = SerialCells(ports[1], m, clock, baud, max(0.02, 1e-3 * patience))
+        port = str(settings.cells.get("port")) if bus is None else bus.cell_port
+        cells = SerialCells(port, m, clock, baud, max(0.02, 1e-3 * _patience_ms(clock)))
         at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
         poses = _tracker(settings, clock) if bus is None else _SimulatedTracker(bus, clock)
         with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:
             yield rig, motors
+
+
+def reboot(settings: RigSettings, ident: int) -> None:
+    """Reboot a motor after a hardware error, and forget the zero: its turns are lost, and it has no torque.
+
+    Raises:
+        ConfigError: no motor of the rig. RigError: a port that cannot be used, or no answer.
+    """
+    if ident not in settings.motors["ids"]:
+        raise ConfigError("--id", ident, f"a motor of the rig: {settings.motors['ids']}")
+    with _driver(settings, settings.spools(calibrated=False)) as (motors, _, _):
+        try:
+            motors.reboot(ident)
+        finally:
+            motors.close()
+        settings.calibration_path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _driver(settings: RigSettings, spools: Spools) -> Iterator[tuple[Any, Any, LoopClock]]:
+    """Motors that are not connected yet, the simulated bus if there is one, and the clock."""
+    from agents.rig.dynamixel import Dynamixels, DynamixelSettings
+
+    bus: Any = None
+    clock: LoopClock = WallClock()
+    if settings.simulated is not None:
+        bus, clock = simulated_bus(settings)
+    port = str(settings.motors.get("port")) if bus is None else bus.port
+    try:
+        options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
+                   if settings.motors.get(name) is not None}  # fmt: skip
+        bus_settings = DynamixelSettings(port=port, **options)
+        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, _patience_ms(clock))
+        if isinstance(clock, VirtualClock):
+            clock.quiet.append(lambda: bus.received >= motors.port.sent)
+        yield motors, bus, clock
     finally:
         if bus is not None:
             bus.close()
+
+
+def _patience_ms(clock: LoopClock) -> float:
+    """With an answer; on the virtual clock time stands still, and kernels may compile."""
+    return 2000.0 if isinstance(clock, VirtualClock) else 10.0
 
 
 def _tracker(settings: RigSettings, clock: LoopClock) -> RigPoses | None:

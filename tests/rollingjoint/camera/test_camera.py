@@ -1,6 +1,7 @@
 """Views of a plane, balls in pictures, links by their balls; rendered photographs through a lens, to rj identify."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.identify import load_measurements
 
+PAGE = (Path(__file__).parents[3] / "docs/rig.md").read_text("utf-8")
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 SMALL = {"size": (520, 416), "focal": 1000.0, "shift": (4.0, -3.0)}
 
@@ -188,6 +190,18 @@ def test_a_step_takes_its_poses_from_its_photograph(rendered, camera, board, tmp
     (one,) = load_measurements(tmp_path / "a.yaml").runs[0].steps
     np.testing.assert_allclose(one.positions[1:], poses[1:, :2], atol=0.15)
     np.testing.assert_allclose(one.angles[1:], poses[1:, 2], atol=3e-3)
+
+
+def test_the_file_of_the_page_can_be_read(rendered, camera, board, tmp_path):
+    (text,) = [block for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL) if "photograph:" in block]
+    save_view(board.view, tmp_path / "view.yaml")
+    for k, tensions in enumerate([(3.0, 3.0), (6.0, 3.0)]):
+        poses = np.asarray(solve_tensions(five_link(), tensions).poses)
+        _save(tmp_path / f"{k}.png", rendered.photograph_of(camera, poses, np.random.default_rng(k)))
+    (tmp_path / "page.yaml").write_text(text)
+    assert len(load_measurements(tmp_path / "page.yaml").runs[0].steps) == 2
+    (commands,) = [block for block in re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL) if "rj camera" in block]
+    assert commands.startswith("rj camera board.png --pitch 8 --output view.yaml ")  # as the test of all of it has them
 
 
 @pytest.mark.parametrize(
