@@ -3,6 +3,7 @@
 Modules:
     _numba: everything that uses private interfaces of numba.
     cad: manufacturing files.
+    camera: poses of links from photographs.
     chain: mechanisms, their equilibria, files and presets.
     checked_yaml: YAML files read strictly.
     checks: checks of single values.
