@@ -163,12 +163,13 @@ def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
 _PLANS: Space = {
     "mpc.bend": Uniform(0.0, 1.0),
     "mpc.fade": Uniform(0.3, 1.0),
+    "mpc.solves": Choice([4, 6, 8]),
     "feedback.gain": Uniform(0.3, 1.0),
     "feedback.stiffen": LogUniform(0.003, 1.0),
     "feedback.damping": LogUniform(0.03, 2.0),
 }
 _PLANS_IN_PLAY: Space = _PLANS | _below(
-    "feedback", {"crossing": Uniform(0.3, 1.2), "dead_band_mm": LogUniform(0.005, 0.2)}
+    "feedback", {"crossing": _SURE["crossing"], "dead_band_mm": _SURE["dead_band_mm"]}
 )
 
 
@@ -242,6 +243,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
         "smoother": _smoother("rj_gym/InstrumentShift-v0"),
+        "mpc": _mpc("rj_gym/InstrumentShift-v0", "smoother"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
