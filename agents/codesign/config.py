@@ -106,11 +106,10 @@ class PairConfig:
 
     def search_of(self, objective: Mapping[str, Any] | None) -> SearchConfig:
         """The search file of an objective alone, with the limits; None: of the limits alone."""
-        kept = {} if objective is None else {k: v for k, v in objective.items() if k != "opposite"}
-        measured = {"kind": "lateral_stiffness", "weight": 0.0} if objective is None else {**kept, "scale": "reference"}
-        if objective is None and self.limits:
-            first = {k: v for k, v in self.limits[0].items() if k not in ("low", "high")}
-            measured = {**first, "weight": 0.0}
+        apart = ("opposite", "low", "high")
+        any_kind = next(iter((*self.limits, *self.objectives)), {"kind": "lateral_stiffness"})
+        kept = {key: value for key, value in (objective or any_kind).items() if key not in apart}
+        measured = {**kept, "weight": 0.0} if objective is None else {**kept, "scale": "reference"}
         return SearchConfig([measured], {"gradient": {"starts": self.rival_starts}}, self.space, self.limits)
 
     def to_dict(self) -> dict[str, Any]:
