@@ -307,7 +307,7 @@ class _Searches:
         chain = self.batch.chains[0]
         if first is None:  # no rows
             first, values = self._solve(np.arange(0), best.inputs, chain, None), best.inputs
-        changed = np.flatnonzero((values != best.inputs).any(axis=1) | ~best.from_rest)
+        changed = np.flatnonzero(np.any(values != best.inputs, axis=1) | ~best.from_rest)
         if len(changed):
             first = first.with_rows(changed, self._solve(changed, best.inputs[changed], chain, best.starts[changed]))
         return self._reach(best, replace(first, mechanism=self.batch.mechanism))
