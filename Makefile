@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 LOWEST := .venv-lowest
 WITH ?= --torch-backend cpu
-EXTRAS := train,search,cluster,cad,onnx,data,view,rig,docs,dev,benchmarks
+EXTRAS := train,search,cluster,cad,onnx,data,view,rig,camera,docs,dev,benchmarks
 VERIFIED := install --require-hashes --only-binary :all:
 TORCH ?= $(shell sed -n 's/^torch==\([0-9.]*\) .*/\1/p' constraints.txt)
 
@@ -63,7 +63,7 @@ demo: setup
 
 test: setup
 	@echo "==> Running the tests"
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --durations=25
 
 test-slow: setup
 	@echo "==> Running the slow tests"

@@ -29,6 +29,8 @@ EPISODES = "a file or dataset of recorded episodes, or a shipped policy by name;
 RECORD = "write one page that plays an episode without a server, and end"
 AROUND = "YAML file with walls around planar chains, to explore; repeatable"
 BASE = "pose of the base among the walls of files [mm, rad] (default 0 0 0)"
+RECORDING = "of a rig, to --record: its motors through the model, and the tips that were measured"
+IDENTIFIED = "of rj identify, for --recording (default: the mechanism as designed)"
 EXPOSED = "allow addresses that other machines can reach"
 
 
@@ -42,6 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
     parser.add_argument("--episodes", action="append", default=[], help=EPISODES)
     parser.add_argument("--search", type=Path, action="append", default=[], help="folder of a search, repeatable")
+    parser.add_argument("--recording", type=Path, metavar="FILE", help=RECORDING)
+    parser.add_argument("--identified", type=Path, metavar="FOLDER", help=IDENTIFIED)
     parser.add_argument("--record", type=Path, metavar="OUT.html", help=RECORD)
     parser.add_argument("--which", default="median", help='to record: "best", "median" (default), "worst" or a seed')
     parser.add_argument("--beside", action="append", default=[], help="controller to record over it, repeatable")
@@ -92,6 +96,8 @@ def rooms(
 
 
 def _command(arguments: argparse.Namespace) -> int:
+    if arguments.recording or arguments.identified:
+        return _replay(arguments)
     from agents.viewer.episodes import episodes_of, run_episodes_of
 
     shelf: list[EpisodeSet] = [run_episodes_of(path, arguments.policy) for path in arguments.run]
@@ -124,6 +130,26 @@ def _scenes(arguments: argparse.Namespace) -> dict[str, WallScene]:
         raise ConfigError("--base", arguments.base, "--surroundings beside it")
     x, y, angle = (as_number("--base", value) for value in arguments.base)
     return {Path(name).stem: WallScene(load_surroundings(name), (x, y, angle)) for name in arguments.surroundings}
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    """Write the page of a recording of a rig."""
+    from agents.viewer.record import recording_page
+    from rollingjoint.identify import read_recording
+    from rollingjoint.identify.rig import designed_space, mechanism_of
+    from rollingjoint.identify.rig_files import load_identified
+
+    for option in ("recording", "record"):
+        if getattr(arguments, option) is None:
+            raise ConfigError(f"--{option}", None, "a file; --recording FILE and --record OUT.html go together")
+    recording = read_recording(arguments.recording)
+    given = load_mechanism(arguments.mechanism[0]) if arguments.mechanism else None
+    mechanism = mechanism_of(recording, given)
+    space, values = (
+        load_identified(arguments.identified, mechanism) if arguments.identified else designed_space(mechanism)
+    )
+    page = recording_page(recording, space, values, title=arguments.recording.name)
+    return _written(arguments.record, page, f"{recording.steps} steps of {arguments.recording}")
 
 
 def _record(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:

@@ -1,6 +1,6 @@
 """Measure the speed of everything and write docs/speed.md.
 
-    python benchmarks/speed.py                     # the page; about ten minutes
+    python benchmarks/speed.py                     # the page; about half an hour
     python benchmarks/speed.py --only solver       # one section, printed
     python benchmarks/speed.py --quick             # every row with tiny sizes, printed; the numbers mean nothing
 
@@ -35,6 +35,7 @@ SECTIONS = (
     "vector_env",
     "training",
     "training_profile",
+    "controllers",
     "startup",
     "memory",
     "instructions",

@@ -4,17 +4,18 @@
     python benchmarks/surroundings_tasks.py Lumen --policy lumen --families gentle tight stiff three_bends
 
 Episodes with the seeds 9,100,000 and up, which no training uses, all side by side. A controller that is told what no
-instrument sees is marked with a star. --film FILE.gif writes an animation of the first episode of the last controller,
---picture FILE.png its last step; --seed N: of another episode.
+instrument sees is marked with a star. --tune tries their gains in other episodes. --film FILE.gif writes an animation
+of the first episode of the last controller, --picture FILE.png its last step; --seed N: of another episode.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -24,6 +25,7 @@ from agents.controllers.among_walls import (
     Feedback,
     FollowTheLeader,
     FreeSpacePlan,
+    PlanAround,
     SearchedWay,
     SeekForce,
     Still,
@@ -31,21 +33,58 @@ from agents.controllers.among_walls import (
 )
 
 FIRST_SEED = 9_100_000
+TUNING_SEED = 6_000_000  # of the episodes on which gains are chosen, which no table uses
 
-CONTROLLERS: dict[str, Callable[[], WallController]] = {
+Make = Callable[..., WallController]
+
+CONTROLLERS: dict[str, Make] = {
     "do nothing": Still,
     "open loop, free space": FreeSpacePlan,
-    "feedback, free space": lambda: Feedback(aware=False),
-    "feedback, contact*": lambda: Feedback(aware=True),
+    "feedback, free space": partial(Feedback, aware=False),
+    "feedback, contact*": partial(Feedback, aware=True),
+    "plan around": PlanAround,
     "follow the leader*": FollowTheLeader,
     "seek the force*": SeekForce,
     "searched way*": SearchedWay,
 }
 UNFIT = {
-    "Lumen": ("seek the force*", "searched way*"),
+    "Lumen": ("plan around", "seek the force*", "searched way*"),
     "Obstacles": ("follow the leader*", "seek the force*"),
-    "HiddenWall": ("follow the leader*",),
+    "HiddenWall": ("plan around", "follow the leader*"),
 }
+
+_FEEDBACK = {"step_mm": (1.0, 3.0, 5.0, 8.0), "damping": (0.1, 0.3, 2.0, 6.0, 15.0)}
+GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
+    "open loop, free space": {"share": (0.5, 0.8, 1.0)},
+    "feedback, free space": _FEEDBACK,
+    "feedback, contact*": _FEEDBACK,
+    "plan around": {"fast": (0.7, 1.0), "caution": (3.0, 10.0)},
+    "follow the leader*": {"rate": (1.8, 2.0, 2.2), "gain": (0.4, 0.6), "relax": (0.5, 0.8)},
+    "seek the force*": {"gain": (0.2, 0.4, 0.8), "near": (0.3, 1.0, 2.0)},
+}
+"""Gains that --tune tries, in all combinations."""
+
+CHOSEN: dict[str, dict[str, dict[str, float]]] = {
+    "Lumen": {
+        "feedback, free space": {"step_mm": 8.0, "damping": 6.0},
+        "feedback, contact*": {"step_mm": 8.0, "damping": 6.0},
+    },
+    "Obstacles": {
+        "open loop, free space": {"share": 0.5},
+        "feedback, free space": {"step_mm": 8.0, "damping": 0.3},
+        "feedback, contact*": {"step_mm": 3.0, "damping": 0.1},
+    },
+    "HiddenWall": {
+        "open loop, free space": {"share": 0.5},
+        "feedback, free space": {"step_mm": 1.0, "damping": 6.0},
+        "feedback, contact*": {"step_mm": 5.0, "damping": 0.3},
+        "seek the force*": {"near": 0.3},
+    },
+}
+"""Gains by task and controller, as --tune chose them; what is not here has its defaults."""
+
+
+NOISE = {"position_mm": 0.5, "angle": 0.01, "tension": 0.1, "force": 0.1}
 
 
 class Policy:
@@ -57,7 +96,8 @@ class Policy:
         self.policy = load_policy(name)
 
     def begin(self, envs: Any, infos: Any) -> None:
-        """Begin episodes, of which a policy remembers nothing."""
+        """Begin episodes."""
+        self.policy.reset(envs.num_envs)
 
 
 Player = WallController | Policy
@@ -68,15 +108,41 @@ def actions_of(player: Player, envs: Any, observations: Any) -> Any:
     return player.policy(observations) if isinstance(player, Policy) else player.act(envs.unwrapped)
 
 
-def row(env_id: str, name: str, player: Player, episodes: int, settings: dict[str, Any]) -> str:
-    """The row of a controller or policy in the table."""
-    envs = gymnasium.make_vec(env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings)
-    observations, infos = envs.reset(seed=FIRST_SEED)
-    player.begin(envs.unwrapped, infos)
+class Outcome(NamedTuple):
+    """What became of E episodes, (E,) each; early: those that a step without a usable pose ended."""
+
+    error: Any
+    peak: Any
+    ratio: Any
+    success: Any
+    returns: Any
+    early: Any
+
+
+class Beginning:
+    """E episodes of an environment that have just begun, with the seeds from `seed` on, all side by side.
+
+    They are drawn once; every player begins them anew.
+    """
+
+    def __init__(self, env_id: str, episodes: int, settings: dict[str, Any], seed: int = FIRST_SEED) -> None:
+        self.envs: Any = gymnasium.make_vec(
+            env_id, episodes, "vector_entry_point", autoreset_mode="Disabled", **settings
+        ).unwrapped
+        self.observations, self.infos = self.envs.reset(seed=seed)
+        self.state = self.envs.get_state()
+
+
+def outcome(beginning: Beginning, player: Player) -> Outcome:
+    """These episodes, driven by a controller or policy."""
+    envs, observations, infos = beginning.envs, beginning.observations, beginning.infos
+    episodes = envs.num_envs
+    envs.set_state(beginning.state)
+    player.begin(envs, infos)
     returns, early = np.zeros(episodes), np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
-    for _ in range(envs.unwrapped.config.episode_steps):
+    for _ in range(envs.config.episode_steps):
         actions = actions_of(player, envs, observations)
         observations, rewards, terminated, truncated, infos = envs.step(np.where(running[:, None], actions, 0.0))
         returns += running * rewards
@@ -86,13 +152,34 @@ def row(env_id: str, name: str, player: Player, episodes: int, settings: dict[st
         running &= ~(terminated | truncated)
         if terminated.any() and running.any():  # a lane that has ended begins again, and does not count
             observations, _ = envs.reset(options={"reset_mask": terminated})
-    error, peak = final["error_mm"], final["peak_wall_force"]
-    limit = envs.unwrapped.config.success_mm
+    names = ("error_mm", "peak_wall_force", "path_ratio", "success")
+    return Outcome(*(final[name] for name in names), returns, early)
+
+
+def row(name: str, beginning: Beginning, player: Player) -> str:
+    """The row of a controller or policy in the table."""
+    error, peak, ratio, success, returns, early = outcome(beginning, player)
+    limit = beginning.envs.config.success_mm
     return (
         f"| {name} | {error.mean():.1f}, {np.median(error):.1f} | {100 * np.mean(error <= limit):.0f} % "
-        f"| {peak.mean():.2f}, {np.percentile(peak, 95):.2f} | {100 * final['path_ratio'].mean():.0f} % "
-        f"| {100 * final['success'].mean():.0f} % | {returns.mean():.1f} | {early.sum()} |"
+        f"| {peak.mean():.2f}, {np.percentile(peak, 95):.2f} | {100 * ratio.mean():.0f} % "
+        f"| {100 * success.mean():.0f} % | {returns.mean():.1f} | {early.sum()} |"
     )
+
+
+def tune(beginning: Beginning, names: Sequence[str]) -> None:
+    """Print what every combination of gains of controllers reaches in these episodes, and which one is the best.
+
+    That is the one with the most successes, and among equals with the highest return.
+    """
+    for name in names:
+        tried = {}
+        for values in itertools.product(*GRIDS[name].values()):
+            gains = dict(zip(GRIDS[name], values, strict=True))
+            reached = outcome(beginning, CONTROLLERS[name](**gains))
+            tried[values] = float(reached.success.mean()), float(reached.returns.mean())
+            print(f"{name} {gains}: {100 * tried[values][0]:.0f} %, return {tried[values][1]:.1f}", flush=True)
+        print(f"-> {name}: {dict(zip(GRIDS[name], max(tried, key=lambda values: tried[values]), strict=True))}\n")
 
 
 def film(env_id: str, player: Player, settings: dict[str, Any], seed: int) -> list[Any]:
@@ -119,24 +206,37 @@ def main() -> None:
     parser.add_argument("--policy", nargs="*", default=[], help="names or files of policies")
     parser.add_argument("--families", nargs="*", default=["hard"], choices=sorted(rj_gym.FAMILIES))
     parser.add_argument("--only", nargs="*", help="these controllers alone")
+    parser.add_argument("--noise", action="store_true", help="sensors with errors, which controllers do not have")
+    parser.add_argument("--blind", action="store_true", help="no pose of any link is observed")
+    parser.add_argument("--tune", action="store_true", help="try gains in other episodes, seeds 6,000,000 and up")
     parser.add_argument("--film", type=Path, help="write an animation of the first episode of the last controller")
     parser.add_argument("--picture", type=Path, help="write a picture of its last step")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
     env_id = f"rj_gym/{given.task}-v0"
-    every: dict[str, Callable[[], Player]] = dict(CONTROLLERS)
-    every = {name: make for name, make in every.items() if name not in UNFIT[given.task]}
+    fitting = {name: make for name, make in CONTROLLERS.items() if name not in UNFIT[given.task]}
+    chosen = CHOSEN[given.task]
+    every: dict[str, Callable[[], Player]] = {
+        name: partial(make, **chosen.get(name, {})) for name, make in fitting.items()
+    }
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
     every |= {f"policy {Path(name).name}": partial(Policy, name) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:
         settings: dict[str, Any] = {"families": [family]} if family else {}
+        settings |= {"noise": NOISE} if given.noise else {}
+        settings |= {"poses": "none"} if given.blind else {}
+        if given.tune:
+            names = [name for name in every if name in GRIDS]
+            tune(Beginning(env_id, given.episodes, settings, TUNING_SEED), names)
+            continue
+        beginning = Beginning(env_id, given.episodes, settings)
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
         print(
             "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
         )
         print("|---|--:|--:|--:|--:|--:|--:|--:|")
         for name, make in every.items():
-            print(row(env_id, name, make(), given.episodes, settings), flush=True)
+            print(row(name, beginning, make()), flush=True)
     if given.film or given.picture:
         frames = film(env_id, list(every.values())[-1](), settings, given.seed)
         _save(frames, given.film, given.picture)

@@ -5,12 +5,13 @@ rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
 arm with the tip not seen), versions -v1 of these last five with the motors of a rig, rj_gym/PitchYaw-v0 (rolling joints
 about alternating axes in space), rj_gym/Lumen-v0, rj_gym/Obstacles-v0 and rj_gym/HiddenWall-v0 (planar chains among
-walls), and rj_gym/CurvatureDesign-v0 and rj_gym/CoDesign-v0, which need torch and are imported when one is first
-asked for.
+walls), and rj_gym/ManyMechanisms-v0 (a planar chain drawn in every episode), rj_gym/CurvatureDesign-v0 and
+rj_gym/CoDesign-v0, which need torch and are imported when one is first asked for.
 
 Modules:
     core: shared by all tasks.
     design: the design task.
+    many: the tracking task with a mechanism that every episode draws.
     former_names: where pickles of earlier versions find their classes.
     registry: the table of registered environments, their settings and tasks.
     rendering: colours, lines and the window of the drawings of all tasks.
@@ -114,11 +115,15 @@ if TYPE_CHECKING:
     from rj_gym.design.env import CoDesignEnv, CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
     from rj_gym.design.vector import CoDesignVectorEnv, CurvatureDesignVectorEnv
+    from rj_gym.many.config import ManyMechanismsConfig, MechanismsConfig
+    from rj_gym.many.env import ManyMechanismsEnv
+    from rj_gym.many.vector import ManyMechanismsVectorEnv
 
 __all__ = [
     "DESIGN_IDS",
     "FAMILIES",
     "IDS",
+    "MANY_IDS",
     "SURROUNDINGS_IDS",
     "ActuationConfig",
     "ArmInstrumentConfig",
@@ -172,6 +177,10 @@ __all__ = [
     "LumenConfig",
     "LumenEnv",
     "LumenVectorEnv",
+    "ManyMechanismsConfig",
+    "ManyMechanismsEnv",
+    "ManyMechanismsVectorEnv",
+    "MechanismsConfig",
     "Memory",
     "NoiseConfig",
     "Observed",
@@ -213,11 +222,17 @@ __all__ = [
     "surroundings_observation_entries",
 ]
 
-IDS = {row.env_id: row.stem for row in TABLE if row.tracks}
-"""Registered ids of the tracking tasks and the stem of their classes: <stem>Env, and <stem>VectorEnv for make_vec."""
+IDS = {row.env_id: row.stem for row in TABLE if row.family in ("planar", "arm")}
+"""Registered ids of the tracking tasks with one mechanism and the stem of their classes.
+
+The classes are <stem>Env, and <stem>VectorEnv for make_vec.
+"""
 
 DESIGN_IDS = {row.env_id: row.stem for row in TABLE if row.family == "design"}
 """The same for the design task."""
+
+MANY_IDS = {row.env_id: row.stem for row in TABLE if row.family == "many"}
+"""The same for tracking with many mechanisms."""
 
 SURROUNDINGS_IDS = {row.env_id: row.stem for row in TABLE if row.family == "surroundings"}
 """The same for the tasks among walls."""
@@ -229,7 +244,8 @@ def privileged_entries(config: TaskConfig) -> list[Entry]:
 
 
 _LATE = {
-    **{name: module for row in TABLE if row.family == "design" for name, module in row.classes.items()},
+    **{name: module for row in TABLE if row.family in ("design", "many") for name, module in row.classes.items()},
+    "MechanismsConfig": "rj_gym.many.config",
     "DesignRewardConfig": "rj_gym.design.config",
     "CoDesignRewardConfig": "rj_gym.design.config",
     "design_observation_entries": "rj_gym.design.observation",
@@ -237,7 +253,7 @@ _LATE = {
 
 
 def __getattr__(name: str) -> Any:
-    """The design task, which needs torch, imported when it is first asked for."""
+    """The tasks of design and of many mechanisms, which need torch, imported when one is first asked for."""
     if name in _LATE:
         return late(_LATE[name], name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -24,7 +24,7 @@ class Registration:
     Args:
         env_id: the id.
         stem: of its classes: <stem>Env in the folder's env.py, and <stem>VectorEnv in its vector.py for make_vec.
-        family: of mechanisms: "planar" or "arm" for the tracking tasks, "design", or "surroundings".
+        family: of mechanisms: "planar", "arm" or "many" for the tracking tasks, "design", or "surroundings".
         settings: the class of its settings, in the folder's `settings_module`.
         settings_module: config, or worlds: other defaults of the settings in config.
     """
@@ -53,7 +53,7 @@ class Registration:
     @property
     def tracks(self) -> bool:
         """Whether the task is to track a target with the tip."""
-        return self.family in ("planar", "arm")
+        return self.family in ("planar", "arm", "many")
 
     @property
     def has_policies(self) -> bool:
@@ -63,7 +63,7 @@ class Registration:
     @property
     def folder(self) -> str:
         """The package that its classes are in."""
-        return "rj_gym.tracking" if self.tracks else f"rj_gym.{self.family}"
+        return "rj_gym.tracking" if self.family in ("planar", "arm") else f"rj_gym.{self.family}"
 
     @property
     def classes(self) -> dict[str, str]:
@@ -95,6 +95,7 @@ _FIRST = tuple(
         ("SlowCamera", "planar", "SlowCameraConfig", "worlds"),
         ("LatePose", "planar", "LatePoseConfig", "worlds"),
         ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
+        ("ManyMechanisms", "many", "ManyMechanismsConfig"),
         ("CurvatureDesign", "design", "DesignConfig"),
         ("CoDesign", "design", "CoDesignConfig"),
         ("Lumen", "surroundings", "LumenConfig"),
@@ -201,10 +202,8 @@ def task_of(config: Settings) -> Any:
     Raises:
         ConfigError, MechanismError: settings of no task, or a mechanism that cannot be loaded.
     """
-    names = [kind.__name__ for kind in type(config).__mro__]
-    for row in TABLE:
-        if row.settings in names:
-            return row.env_class.task_class(config)
+    if (row := registration_of(config)) is not None:
+        return row.env_class.task_class(config)
     raise ConfigError("settings", config, f"of {', '.join(dict.fromkeys(row.settings for row in TABLE))}")
 
 

@@ -3,6 +3,7 @@
 Modules:
     _numba: everything that uses private interfaces of numba.
     cad: manufacturing files.
+    camera: poses of links from photographs.
     chain: mechanisms, their equilibria, files and presets.
     checked_yaml: YAML files read strictly.
     checks: checks of single values.
@@ -73,9 +74,12 @@ from rollingjoint.surroundings import (
     Disc,
     HalfPlane,
     Lumen,
+    Plane,
     Polygon,
     Sleeve,
+    Sphere,
     Surroundings,
+    Tube,
     WallFriction,
 )
 from rollingjoint.threads import set_threads
@@ -106,6 +110,7 @@ __all__ = [
     "OnSurface",
     "Plan",
     "PlanStatus",
+    "Plane",
     "PointHinge",
     "Polygon",
     "Problem",
@@ -121,12 +126,14 @@ __all__ = [
     "SpatialChain",
     "SpatialEquilibrium",
     "SpatialLink",
+    "Sphere",
     "Spring",
     "Status",
     "Surface",
     "Surroundings",
     "Tendon",
     "TorsionSpring",
+    "Tube",
     "WallFriction",
     "Workspace",
     "WorldForce",

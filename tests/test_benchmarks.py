@@ -84,6 +84,22 @@ def test_the_quick_page_has_every_row_peer_and_picture(run_python, tmp_path):
 
 
 @pytest.mark.slow
+def test_training_ends_where_a_policy_is_good_or_its_time_is_over():
+    from speed_rows.controllers import PLAIN, ROOT, arrival, best_known
+
+    from agents.runs.config import load_config
+
+    path = ROOT / "configs/train/apg_fixed_target.yaml"
+    changes = ["evaluation.episodes=20", "env.settings={episode_steps: 20}", "policy.hidden=[8]"]
+    config = load_config(path, [*changes, "total_timesteps=64_000"])
+    good = arrival(config, 1.0, 1_280, 60.0)
+    assert good.arrived and good.error <= 1.0 and 0.0 < good.seconds < 60.0
+    late = arrival(load_config(path, [*changes, *PLAIN]), 1e-6, 1_280, 0.1)
+    assert not late.arrived and late.error > 0.01 and 0.1 <= late.seconds < 20.0
+    assert 0.01 < best_known("fixed_target") < 0.06
+
+
+@pytest.mark.slow
 def test_one_section_is_printed_alone(capsys):
     import speed
 

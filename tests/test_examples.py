@@ -17,6 +17,7 @@ FIDELITY = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
 OPTIONS = {
     "equilibrium_layer": ["--steps", "30"],
     "fidelity": ["--quick"],
+    "one_gradient": ["--updates", "2"],
     "cleanrl_ppo": ["--steps", "512", "--lanes", "4"],
 }
 

@@ -37,8 +37,8 @@ BELIEFS = {
     "sheath_friction": Belief(0.3, 0.3, 0.0, 1.0),
     "mu": Belief(0.05, 0.05, 0.0, 0.25),
     "stiffness": Belief(1.0, 0.2, 0.4, 2.0),
-    "motor_offsets": Belief(0.0, 0.5, -3.0, 3.0),
-    "surface_errors": Belief(0.0, (0.1, 0.1, 0.01), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
+    "motor_offsets": Belief(0.0, 1.0, -3.0, 3.0),
+    "surface_errors": Belief(0.0, (0.15, 0.15, 0.015), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
 }
 """About the ranges of rj_gym/Instrument-v0, twice as wide or more; and that tendons may rub in the chain."""
 

@@ -17,6 +17,7 @@ Modules:
     arm_smoother: the smoother of an arm, from the settings of its task.
     among_walls: feedback and plans in the tasks among walls.
     privileged_feedback: Jacobian feedback on the true state.
+    own_models: a controller that computes with one mechanism, where lanes have different ones.
     policy: a model of Stable-Baselines3.
     residual: a controller and a learned policy that adds to its actions.
     tuned: a table of controllers by world, with tuned settings from tuned.yaml.

@@ -6,24 +6,29 @@ a policy does not see stands in its docstring.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
-from rj_gym.surroundings.drawing import steps_through
+from rj_gym.surroundings.drawing import axes_of, commands_of_pairs, free_way, room, steps_through
 from rj_gym.surroundings.task import Response
+from rollingjoint import Disc, Sleeve
 
 Array = NDArray[np.float64]
 
 _DAMPING = 2.0
-_REACH_MM = 3.0  # of the error that a step of feedback tries to remove
 
 
 class WallController(ABC):
     """Gives actions for all lanes of a native vector environment of the tasks among walls."""
+
+    reads_environment = True
 
     def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:  # noqa: B027 (most of them plan nothing)
         """Begin the episodes that `envs` has just begun, with the infos of that reset."""
@@ -45,7 +50,13 @@ class FreeSpacePlan(WallController):
     """Open loop: the commands and feed that put the tip at the target in free space, approached in a straight line.
 
     It knows the mechanism and the target, and neither walls nor what happens.
+
+    Args:
+        share: of the episode that the approach takes.
     """
+
+    def __init__(self, share: float = 0.8) -> None:
+        self.share = share
 
     def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
         """Find the commands by Jacobian steps of a twin without walls."""
@@ -65,8 +76,8 @@ class FreeSpacePlan(WallController):
         self._end, self._step = (commands, feed), 0
 
     def act(self, envs: Any) -> Array:
-        """A straight change, over 0.8 of the episode."""
-        config, steps = envs.config, 0.8 * envs.config.episode_steps
+        """A straight change, over a share of the episode."""
+        config, steps = envs.config, self.share * envs.config.episode_steps
         self._step += 1
         share = 1.0 if self._step <= steps else 0.0
         (begin, from_feed), (end, to_feed) = self._start, self._end
@@ -94,16 +105,88 @@ class SearchedWay(WallController):
         return np.clip((envs.tangent().commands - wanted) / envs.config.action_scale_mm, -1.0, 1.0)
 
 
+class PlanAround(WallController):
+    """The shortest way around the discs in a grid of commands, by the model without contact, then feedback on the tip.
+
+    Of Obstacles. It knows the mechanism, the discs and the target, and no force: what a policy sees, and a model.
+
+    Args:
+        fast: share of the largest step that it takes. room: distance from discs that a way need not exceed [mm].
+        caution: weight of the square of the room that is lacking [1/mm²].
+    """
+
+    most, spacing, deepest = 8.0, 0.5, -0.8  # mm: of the grid; nodes deeper in a disc are closed
+
+    def __init__(self, fast: float = 1.0, room: float = 1.5, caution: float = 3.0) -> None:
+        self.fast, self.room, self.caution = fast, room, caution
+        self._feedback = Feedback(aware=False)
+
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
+        """Find a way for every lane."""
+        task, response = envs.task, envs.tangent()
+        axis = np.arange(-self.most, self.most + 1e-9, self.spacing)
+        places = np.stack(np.meshgrid(*[axis] * (task.m // 2), indexing="ij"), -1)
+        nodes = commands_of_pairs(task, places.reshape(-1, places.shape[-1]))
+        poses, found = free_way(task, nodes)
+        axes = axes_of(Sleeve(envs.config.sleeve).rows(task.mechanism.links).bars, poses[-1])
+        tips, edges = poses[-1, :, -1, :2], _neighbours(places.shape[:-1])
+        lengths = np.abs(nodes[edges[0]] - nodes[edges[1]]).max(axis=1)
+        start, ways = int(np.abs(nodes - task.rest).max(axis=1).argmin()), []
+        for discs, target in zip(response.scenes.walls.discs[..., :3].tolist(), response.target, strict=True):
+            space = np.min([room(axes, Disc((x, y), radius)) for x, y, radius in discs], axis=0)
+            prices = 1.0 + self.caution * np.square(np.maximum(self.room - space, 0.0))
+            prices[~found | (space < self.deepest)] = np.inf
+            costs = lengths * (prices[edges[0]] + prices[edges[1]]) / 2.0
+            is_open = np.isfinite(costs)
+            graph = csr_array((costs[is_open], edges[:, is_open]), shape=2 * (len(nodes),))
+            distances, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+            end = int((np.hypot(*(tips - target).T) + 0.02 * distances).argmin())
+            way = [end]
+            while way[0] != start:
+                way.insert(0, int(before[way[0]]))
+            ways.append(_paced(np.array([task.rest, *nodes[way[1:]]]), self.fast * envs.config.action_scale_mm))
+        self._ways, self._step = ways, 0
+
+    def act(self, envs: Any) -> Array:
+        """To the next commands; after the last ones feedback."""
+        wanted = np.array([way[min(self._step, len(way) - 1)] for way in self._ways])
+        arrived = np.array([self._step >= len(way) for way in self._ways])
+        self._step += 1
+        on = np.clip((envs.tangent().commands - wanted) / envs.config.action_scale_mm, -1.0, 1.0)
+        return np.where(arrived[:, None], self._feedback.act(envs), on)
+
+
+def _neighbours(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Pairs of neighbours in a grid, diagonal ones too, each once: numbers of nodes, (2, edges)."""
+    numbers = np.arange(np.prod(shape)).reshape(shape)
+    pairs = []
+    for way in itertools.product((-1, 0, 1), repeat=len(shape)):
+        if way > (0,) * len(shape):
+            here = numbers[tuple(slice(max(-k, 0), size - max(k, 0)) for k, size in zip(way, shape, strict=True))]
+            there = numbers[tuple(slice(max(k, 0), size - max(-k, 0)) for k, size in zip(way, shape, strict=True))]
+            pairs.append(np.stack([here.ravel(), there.ravel()]))
+    return np.concatenate(pairs, axis=1)
+
+
+def _paced(places: Array, step: float) -> Array:
+    """Commands on the way through places (K, m), (steps, m), whose entries change by at most `step` at a time."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(places, axis=0)).max(axis=1))])
+    at = np.append(np.arange(step, lengths[-1], step), lengths[-1])
+    return np.stack([np.interp(at, lengths, column) for column in places.T], axis=-1)
+
+
 class Feedback(WallController):
     """Jacobian feedback on the true tip.
 
     Args:
         aware: whether its Jacobian is that with contact, which no instrument can know (privileged); else it is that of
             the chain in free space, at the true pose and tensions.
+        step_mm: of the error that a step tries to remove, at most.
+        damping: of the least squares [mm²].
     """
 
-    def __init__(self, aware: bool) -> None:
-        self.aware = aware
+    def __init__(self, aware: bool, step_mm: float = 3.0, damping: float = _DAMPING) -> None:
+        self.aware, self.step_mm, self.damping = aware, step_mm, damping
 
     def act(self, envs: Any) -> Array:
         """Damped least squares towards the target."""
@@ -111,17 +194,21 @@ class Feedback(WallController):
         rates = response.tip_rates if self.aware else response.free_tip_rates
         error = response.target - response.tip
         size = np.hypot(*error.T)
-        error = error * np.minimum(1.0, _REACH_MM / np.maximum(size, 1e-9))[:, None]
-        return within(damped(rates, error))
+        error = error * np.minimum(1.0, self.step_mm / np.maximum(size, 1e-9))[:, None]
+        return within(damped(rates, error, self.damping))
 
 
 class SeekForce(WallController):
     """Feedback to the target, and from `near` on the pull goes on until the wall presses with the wanted force.
 
     Privileged: it is told the tip and the force of the wall. Of HiddenWall with the goal "touch".
+
+    Args:
+        gain: of the force that is lacking [mm/N in a step]. near: distance from the target at which it begins [mm].
     """
 
-    gain, near = 0.4, 1.0  # mm/N in a step; mm
+    def __init__(self, gain: float = 0.4, near: float = 1.0) -> None:
+        self.gain, self.near = gain, near
 
     def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
         """The direction to go on in is that from the start to the target."""
@@ -143,34 +230,61 @@ class SeekForce(WallController):
 class FollowTheLeader(WallController):
     """Keeps every link and the nose on the centre line and the tip going along it.
 
-    Privileged: it knows the line and the contact.
+    Privileged: it knows the line and the contact. Near the target the tip alone counts more and more, as long as no
+    wall presses; once the base cannot be moved on the tendons stretch for the rest of the way.
 
     Args:
         rate: how far the tip goes on along the line in a step [mm].
+        gain: share of the links' distances from the line that a step removes.
+        damping: of the least squares [mm²].
+        relax: share by which links count less where the tip is at the target.
     """
 
-    def __init__(self, rate: float = 2.2) -> None:
-        self.rate = rate
+    reach, tip_weight, nose_weight = 10.0, 3.0, 2.0  # mm from the target; more weight of the tip there; of the nose
+    calm, strain = (0.05, 0.3), (0.3, 0.9)  # N: walls press so hard that it no longer relaxes, and stretches
+
+    def __init__(self, rate: float = 2.0, gain: float = 0.4, damping: float = 0.2, relax: float = 0.5) -> None:
+        self.rate, self.gain, self.damping, self.relax = rate, gain, damping, relax
 
     def act(self, envs: Any) -> Array:
         """Damped least squares: links and nose across the line to 0, the tip along it by the rate."""
-        response: Response = envs.tangent()
+        response, config = envs.tangent(), envs.config
         points, rates = response.with_nose(np.array(envs.task.mechanism.links[-1].child.start))
         offsets, tangents, remaining = envs.task.on_the_line(points, response.scenes)
         normals = np.stack([-tangents[..., 1], tangents[..., 0]], -1)
-        weights = np.ones(points.shape[1] - 2)  # links 0 and 1 are where the base is
-        weights[-1] = 2.0
+        near = np.clip(1.0 - np.abs(remaining[:, -2]) / self.reach, 0.0, 1.0) * _below(self.calm, response.wall_force)
+        weights = np.repeat((1.0 - self.relax * near)[:, None], points.shape[1] - 2, axis=1)  # links 0, 1: at the base
+        weights[:, -1] *= self.nose_weight
+        weights[:, -2] = 1.0 + self.tip_weight * near
+        stuck = (config.feed_range[1] - response.feed < 0.5 * config.feed_scale_mm) & (remaining[:, -2] > 0.0)
+        rates[..., -1] *= ~stuck[:, None, None]
         across = np.einsum("bkx,bkxa->bka", normals, rates)[:, 2:]
         forward = 3.0 * np.einsum("bx,bxa->ba", tangents[:, -2], rates[:, -2])
         way = 3.0 * np.clip(remaining[:, -2], -self.rate, self.rate)
-        rows = np.concatenate([weights[:, None] * across, forward[:, None]], axis=1)
-        return within(damped(rows, np.column_stack([-weights * offsets[:, 2:], way])))
+        way *= np.where(stuck, _below(self.strain, response.wall_force), 1.0)
+        rows = np.concatenate([weights[..., None] * across, forward[:, None]], axis=1)
+        wanted = np.column_stack([-self.gain * weights * offsets[:, 2:], way])
+        return within(damped(rows, wanted, self.damping))
 
 
-def damped(rates: Array, wanted: Array) -> Array:
+def _below(band: tuple[float, float], values: Array) -> Array:
+    """1 below a band, 0 above it, and a straight line between."""
+    low, high = band
+    return np.asarray(np.clip((high - values) / (high - low), 0.0, 1.0))
+
+
+TEACHERS: dict[str, dict[str, Callable[[], WallController]]] = {
+    "Lumen": {"follow the leader": FollowTheLeader},
+    "Obstacles": {"searched way": SearchedWay, "plan around": PlanAround},
+    "HiddenWall": {"seek the force": SeekForce},
+}
+"""Controllers that policies can imitate, by name, of every task among walls: rj_gym/Lumen-v0 is "Lumen"."""
+
+
+def damped(rates: Array, wanted: Array, damping: float = _DAMPING) -> Array:
     """Actions (B, a) of least squares for d rows / d action (B, r, a) and wanted changes of the rows (B, r)."""
     transposed = np.swapaxes(rates, 1, 2)
-    square = transposed @ rates + _DAMPING * np.eye(rates.shape[2])
+    square = transposed @ rates + damping * np.eye(rates.shape[2])
     return np.asarray(np.linalg.solve(square, transposed @ wanted[..., None])[..., 0], float)
 
 

@@ -38,11 +38,14 @@ class Controller(ABC):
     Attributes:
         privileged: whether it needs the true state, which no robot measures: observations are then dictionaries, with
             the state under "privileged". Tables mark such controllers.
+        one_mechanism: whether it computes with the mechanism of its task. Where lanes have different ones, each has a
+            copy of it (agents.controllers.own_models); other controllers see the observations of all lanes.
         wrappers: Gymnasium's wrappers, as of a training configuration, through which it acts; others act without.
         task: the tracking task; None where the environment is not one of rj_gym.
     """
 
     privileged: bool = False
+    one_mechanism: bool = True
     wrappers: Sequence[Addition] = ()
     task: Any = None
 
@@ -53,7 +56,12 @@ class Controller(ABC):
             cls.act = _given_readings(act)  # type: ignore
 
     def bind(self, task: TrackingTask | None) -> None:
-        """Take over the task of the environment, before the first reset."""
+        """Take over the task of the environment, before the first reset; raises InvalidInput: of many mechanisms."""
+        if self.one_mechanism and hasattr(task, "own_task"):
+            hint = "agents.controllers.own_models.OwnModels gives every mechanism a copy of it."
+            raise InvalidInput(
+                "task", "of many mechanisms", f"of one, for {type(self).__name__} computes with it", hint
+            )
         self.task = task
 
     def reset(self, mask: Mask) -> None:  # noqa: B027 (most controllers have no memory)
@@ -125,6 +133,8 @@ class FunctionController(Controller):
         function: from observations (B, n), or such a dictionary, to actions (B, m). Where it has a method reset, that
             is called when episodes begin.
     """
+
+    one_mechanism = False
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
         self.function = function

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,7 @@ from rollingjoint.chain.batch import PinnedRange, stiffnesses, tip_rates
 from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_boolean, as_integer, as_number
 from rollingjoint.compiled import TendonLaw, machine_code, run_in_threads
-from rollingjoint.errors import InvalidInput
-from rollingjoint.estimate import Smoother
+from rollingjoint.estimate import ArmSmoother
 from rollingjoint.load import LOAD_COLUMNS
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
@@ -380,7 +379,7 @@ class FilterMpc(_FromEstimates):
 
 
 class SmootherMpc(_FromEstimates, SmootherFeedback):
-    """Predictive control from a smoother's fit of a chain in the plane, or the bank's estimate where that has failed.
+    """Predictive control from a smoother's fit, or the bank's estimate where that has failed.
 
     Args:
         settings: of the smoother and its bank, of the plans and of feedback.
@@ -389,18 +388,15 @@ class SmootherMpc(_FromEstimates, SmootherFeedback):
     def __init__(self, settings: SmootherMpcSettings | None = None) -> None:
         SmootherFeedback.__init__(self, settings or SmootherMpcSettings())
 
-    def bind(self, task: TrackingTask | None) -> None:
-        """Take over the task; raises InvalidInput for one that the smoother does not know, and for arms."""
-        super().bind(task)
-        if self.task.dimension == 3:
-            raise InvalidInput("mechanism", self.task.mechanism, "a chain in the plane", "Arms have FilterMpc.")
-
     def belief(self, estimate: Estimate) -> PlanStart:
-        """The nominal chain under the fitted numbers."""
-        numbers, smoother = self.smoothed.numbers, cast(Smoother, self.smoother)
+        """The nominal mechanism under the fitted numbers."""
+        numbers, smoother = self.smoothed.numbers, self.smoother
         at = smoother.prior.layout
         commands = estimate.played + numbers[:, at.offsets : at.stiffnesses]
         stiff = self.task.mechanism.stiffnesses * numbers[:, at.stiffnesses : at.half_widths]
-        loads = np.zeros((len(numbers), 1, len(LOAD_COLUMNS)))
-        loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = smoother.links, numbers[:, :2]
+        if isinstance(smoother, ArmSmoother):
+            loads = smoother.load_tables(numbers)
+        else:
+            loads = np.zeros((len(numbers), 1, len(LOAD_COLUMNS)))
+            loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = smoother.links, numbers[:, :2]
         return PlanStart(commands, stiff, loads, smoother.joint_angles, estimate.tip, estimate.tensions)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 class Policy(Controller):
     """The policy of a model: its mean action in every step, observations normalised as in training."""
 
+    one_mechanism = False
+
     def __init__(self, model: BaseAlgorithm, normaliser: Any = None) -> None:
         self.model, self.normaliser = model, normaliser
         self._carried: dict[str, Any] = {}  # the state of a model with memory, from its second step on

@@ -163,12 +163,13 @@ def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
 _PLANS: Space = {
     "mpc.bend": Uniform(0.0, 1.0),
     "mpc.fade": Uniform(0.3, 1.0),
+    "mpc.solves": Choice([4, 6, 8]),
     "feedback.gain": Uniform(0.3, 1.0),
     "feedback.stiffen": LogUniform(0.003, 1.0),
     "feedback.damping": LogUniform(0.03, 2.0),
 }
 _PLANS_IN_PLAY: Space = _PLANS | _below(
-    "feedback", {"crossing": Uniform(0.3, 1.2), "dead_band_mm": LogUniform(0.005, 0.2)}
+    "feedback", {"crossing": _SURE["crossing"], "dead_band_mm": _SURE["dead_band_mm"]}
 )
 
 
@@ -185,6 +186,7 @@ _BLIND = {
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
     "smoother": _smoother("rj_gym/Instrument-v0"),
+    "mpc": _mpc("rj_gym/Instrument-v0", "smoother"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -242,6 +244,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
         "smoother": _smoother("rj_gym/InstrumentShift-v0"),
+        "mpc": _mpc("rj_gym/InstrumentShift-v0", "smoother"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
@@ -259,6 +262,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
+        "mpc": _mpc("rj_gym/LatePose-v0", "smoother"),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM
     | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},

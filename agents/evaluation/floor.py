@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import task_of
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain, Chain
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
@@ -64,7 +65,7 @@ class Floor:
         errors: tip error [mm], (...); infinite where the search ended outside the tension range.
         tips: (..., 2 or 3) [mm].
         tensions: (..., m) [N]. commands: (..., m) unstretched tendon lengths that hold it [mm].
-        joint_angles: (..., n - 1) [rad].
+        joint_angles: (..., n - 1) [rad]; with many mechanisms 0 where one has no more joints.
         status: Status codes (...): CONVERGED, AT_LIMIT (as of a solve), or NOT_CONVERGED: the search had not ended.
     """
 
@@ -111,8 +112,23 @@ def episode_floor(
     moments = [config.episode_steps] if steps is None else list(steps)
     if not all(0 <= step <= config.episode_steps for step in moments):
         raise InvalidInput("steps", moments, f"whole numbers from 0 to {config.episode_steps}")
-    task = task_of(config)
-    episodes = task.sample([seeding.np_random(seed)[0] for seed in seeds])
+    task: Any = task_of(config)
+    generators = [seeding.np_random(seed)[0] for seed in seeds]
+    if hasattr(task, "episodes_by_links"):  # with many mechanisms
+        parts = task.episodes_by_links(generators)
+    else:
+        parts = [(np.arange(len(seeds)), task, task.sample(generators))]
+    floors = [_floor_of(own, episodes, moments, starts, candidates) for _, own, episodes in parts]
+    order = np.argsort(np.concatenate([rows for rows, _, _ in parts]))
+    if len({each.joint_angles.shape[-1] for each in floors}) > 1:
+        floors = _with_all_joints(floors)
+    joined = _joined(floors, lambda values: np.concatenate(values)[order])
+    return joined if steps is not None else _joined([joined], lambda values: values[0][:, 0])
+
+
+def _floor_of(task: TrackingTask, episodes: Any, moments: Sequence[int], starts: int, candidates: int) -> Floor:
+    """The floor of episodes of one task at these steps, arrays (E, steps, ...)."""
+    config: Any = task.config
     chains = [episodes.mechanisms[design] for design in episodes.designs]
     tensions, base = episodes.target_tensions, task.base_load_tables(episodes)
     pulled = task.load_tables(episodes, config.episode_steps) if config.target.loaded else base
@@ -133,9 +149,17 @@ def episode_floor(
         return floor(chains, targets, loads, usable, base, starts, candidates)
 
     floors = [at(step) for step in (moments if varies else moments[:1])]
-    if steps is None:
-        return floors[0]
     return _joined(floors if varies else floors * len(moments), lambda parts: np.stack(parts, axis=1))
+
+
+def _with_all_joints(floors: Sequence[Floor]) -> list[Floor]:
+    """The floors with as many joint angles each as the longest mechanism has; 0 where it has none."""
+    most = max(each.joint_angles.shape[-1] for each in floors)
+    missing = [(0, most - each.joint_angles.shape[-1]) for each in floors]
+    return [
+        replace(each, joint_angles=np.pad(each.joint_angles, ((0, 0), (0, 0), more)))
+        for each, more in zip(floors, missing, strict=True)
+    ]
 
 
 def floor(

@@ -116,6 +116,25 @@ def write_dataset(
     return folder
 
 
+def write_episodes(
+    where: str | Path, spaces: tuple[Any, Any], episodes: Iterable[EpisodeBuffer], about: Mapping[str, str]
+) -> Path:
+    """The folder of a new Minari dataset with these episodes, which no simulation can repeat.
+
+    Args:
+        where: as of write_dataset. spaces: of observations and of actions. about: of Minari's metadata.
+    Raises:
+        RunFolderError: a dataset or folder that is there already.
+    """
+    folder, name = _place(where)
+    with _made(folder) as partial:
+        storage = MinariStorage.new(partial / "data", *spaces, None)
+        storage.update_metadata({"dataset_id": name, "minari_version": minari.__version__, **about})
+        storage.update_episodes(episodes)
+    _name_folders_of(name)
+    return folder
+
+
 def read_dataset(where: str | Path) -> Transitions:
     """All steps of a Minari dataset: one of an id, or the one in a folder; raises RunFolderError if there is none."""
     data = _place(where)[0] / "data"

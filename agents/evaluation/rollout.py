@@ -13,6 +13,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Array, Controller, as_controller, envs_for
+from agents.controllers.own_models import with_own_models
 from agents.runs.environment import EnvConfig, tip_errors
 from rollingjoint.errors import InvalidInput
 
@@ -112,6 +113,7 @@ def _side_by_side(
     envs = envs_for(env, controller, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
     task = getattr(envs.unwrapped, "task", None) if env.is_tracking else None
     observation, info = _begun(envs, [int(seed) for seed in seeds], options)
+    controller = with_own_models(controller, envs.unwrapped)
     controller.begin(task, len(seeds))
     drawn = info.get("sampled", {}) if task and not options else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))

@@ -16,7 +16,7 @@ import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import FloatSchedule
 
-from agents.learners.demonstrations import Acting, Demonstrations
+from agents.learners.demonstrations import Acting, ActingInside, Demonstrations
 from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
 from agents.learners.learner import EpisodePlayer, base_of, native_env
@@ -59,7 +59,7 @@ class APG(Distill):
         max_grad_norm: float = 0.5,
         lessons: float = 0.0,
         lessons_rate: float | Schedule | None = None,
-        teacher: Acting | None = None,
+        teacher: Acting | ActingInside | None = None,
         taught: float = 0.05,
         delta: float = 0.3,
         gradient_steps: int = 24,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -32,6 +32,23 @@ class Acting(Protocol):
         """Actions (B, m) in [-1, 1]."""
 
 
+@runtime_checkable
+class ActingInside(Protocol):
+    """A controller that reads the true state of a vector environment: those of agents.controllers.among_walls.
+
+    Attributes:
+        reads_environment: true.
+    """
+
+    reads_environment: bool
+
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
+        """Begin the episodes that `envs` has just begun, with the infos of that reset."""
+
+    def act(self, envs: Any) -> NDArray[Any]:
+        """Actions (B, m) in [-1, 1]."""
+
+
 @dataclass(frozen=True)
 class Demonstrations:
     """B episodes of T steps.
@@ -50,17 +67,22 @@ class TaughtEpisodes:
     """Whole episodes of all lanes of a native vector environment, with a teacher next to the policy.
 
     Args:
-        env: a native vector environment of a tracking task; its autoreset is disabled.
+        env: a native vector environment of a tracking task, or of one among walls; its autoreset is disabled.
         normalise: the mean and scale of observations (B, entries); it may learn from them.
         share: the share of lanes that the teacher drives in the next episodes.
-        teacher: the controller that drives them; None: TrueStateFeedback with its default weights.
+        teacher: the controller that drives them, among walls one of ActingInside; None: TrueStateFeedback with its
+            default weights.
     """
 
     def __init__(
-        self, env: TaskVectorEnv, normalise: Normalise, share: Callable[[], float], teacher: Acting | None = None
+        self,
+        env: TaskVectorEnv,
+        normalise: Normalise,
+        share: Callable[[], float],
+        teacher: Acting | ActingInside | None = None,
     ) -> None:
         self.env, self.normalise, self.share = env, normalise, share
-        self.teacher: Acting = teacher or TrueStateFeedback(env.task)
+        self.teacher: Acting | ActingInside = teacher or TrueStateFeedback(env.task)
 
     @torch.no_grad()
     def play(self, actor: Taped, watch: Callable[[Any], bool] = lambda step: True) -> Demonstrations | None:
@@ -69,14 +91,13 @@ class TaughtEpisodes:
         Which lanes the teacher drives is drawn by torch.
         """
         env, (observation, info) = self.env, self.env.reset()
-        self.teacher.reset(np.ones(env.num_envs, bool))
+        self._begin(info)
         taught = torch.rand(env.num_envs).numpy()[:, None] < self.share()
         steps, alive = env.task.config.episode_steps, np.ones(env.num_envs, bool)
         tape = actor.tape(steps, env.num_envs)
         observations, actions, running = [], [], []
         for _ in range(steps):
-            state = TrueState(env.tangent(), info["target"]) if self.teacher.privileged else observation
-            right = np.asarray(self.teacher.act(state), np.float32)
+            right = np.asarray(self._shown(observation, info), np.float32)
             answer = tape.step(normalised(observation, *self.normalise(observation)))
             observations.append(observation.copy())
             actions.append(right)
@@ -89,6 +110,20 @@ class TaughtEpisodes:
             if terminated.any() and not truncated.all():  # those go on as other episodes, which do not count
                 observation, info = env.reset(options={"reset_mask": terminated | truncated})
         return Demonstrations(*(torch.as_tensor(np.stack(values, 1)) for values in (observations, actions, running)))
+
+    def _begin(self, info: dict[str, Any]) -> None:
+        """Begin the teacher's episodes with the info of the reset."""
+        if isinstance(self.teacher, ActingInside):
+            self.teacher.begin(self.env, info)
+        else:
+            self.teacher.reset(np.ones(self.env.num_envs, bool))
+
+    def _shown(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
+        """The teacher's actions, (B, m)."""
+        if isinstance(self.teacher, ActingInside):
+            return self.teacher.act(self.env)
+        privileged = self.teacher.privileged
+        return self.teacher.act(TrueState(self.env.tangent(), info["target"]) if privileged else observation)
 
 
 def normalised(observations: NDArray[Any], mean: NDArray[Any], scale: NDArray[Any]) -> torch.Tensor:

@@ -1,7 +1,7 @@
-"""Distillation: a policy with memory imitates a teacher that sees the true state, or one that carries a model along.
+"""Distillation: a policy imitates a teacher that sees the true state, or one that carries a model along.
 
 The teacher drives some lanes of the first rollouts, the policy all others, so that it is corrected where its own
-actions lead (DAgger). The policy's memory has to infer the state that only the teacher knows. Source: Ross
+actions lead (DAgger). A policy's memory has to infer the state that only the teacher knows. Source: Ross
 et al., A Reduction of Imitation Learning and Structured Prediction to No-Regret Online Learning, 2011; Lee et al.,
 Learning Quadrupedal Locomotion over Challenging Terrain, 2020.
 """
@@ -13,14 +13,14 @@ from typing import Any
 import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from agents.learners.demonstrations import Acting, Demonstrations, TaughtEpisodes, normalised
+from agents.learners.demonstrations import Acting, ActingInside, Demonstrations, TaughtEpisodes, normalised
 from agents.learners.learner import EpisodeLearner, EpisodePlayer, native_env
 from agents.learners.policy import EpisodePolicy
 from agents.learners.true_state import TrueStateFeedback
 
 
 class Distill(EpisodeLearner):
-    """Imitation of a teacher on a native vector environment of a tracking task.
+    """Imitation of a teacher on a native vector environment of a tracking task, or of one among walls.
 
     After each episode of all lanes come `gradient_steps` on whole episodes of the last rollouts. The loss is the Huber
     loss between actions of the policy before clipping and the teacher's, over all steps.
@@ -28,7 +28,7 @@ class Distill(EpisodeLearner):
     Args:
         policy: as of EpisodeLearner. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
-        teacher: the controller that it imitates; None: TrueStateFeedback.
+        teacher: the controller that it imitates; None: TrueStateFeedback, in tracking tasks.
         taught: the share of lanes that the teacher drives falls from 1 to 0 over this share of training.
         delta: where the Huber loss goes from squares to absolute values.
         gradient_steps: per rollout. batch_size: episodes in each of them.
@@ -38,8 +38,8 @@ class Distill(EpisodeLearner):
         stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
         common: arguments of every EpisodeLearner.
     Raises:
-        ConfigError: an environment that is not of a tracking task; without `teacher`, one with motors that have a
-            delay or a rate limit.
+        ConfigError: an environment of other tasks; without `teacher`, one among walls, or with motors that have a delay
+            or a rate limit.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Distill(EpisodeLearner):
         policy: str | type[EpisodePolicy],
         env: GymEnv | str | None,
         learning_rate: float | Schedule = 1e-3,
-        teacher: Acting | None = None,
+        teacher: Acting | ActingInside | None = None,
         taught: float = 0.05,
         delta: float = 0.3,
         gradient_steps: int = 24,
@@ -70,7 +70,9 @@ class Distill(EpisodeLearner):
         super()._setup_model()
 
     def _episodes(self) -> EpisodePlayer:
-        return TaughtEpisodes(native_env(self.env), self._normalise, self.teachers_share, self.teacher)
+        return TaughtEpisodes(
+            native_env(self.env, among_walls=True), self._normalise, self.teachers_share, self.teacher
+        )
 
     def teachers_share(self) -> float:
         """The share of lanes that the teacher drives in the next episodes."""

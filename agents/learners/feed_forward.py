@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.learners.gain import GainHead
-from agents.learners.tape import StepTape
+from agents.learners.gain import Combined, GainHead
+from agents.learners.tape import StepTape, Tape, layer_gradients, tanh_, tanh_slope
 from rj_gym.core.task import ObservedError
 
 
@@ -35,6 +35,7 @@ class FeedForwardActor(nn.Module):
         error: ObservedError | None = None,
     ) -> None:
         super().__init__()
+        self.activation = activation
         linear = (nn.Linear(before, after) for before, after in pairwise([entries, *layers]))
         self.hidden = nn.Sequential(*(part for layer in linear for part in (layer, activation())))
         self.head: nn.Module = nn.Linear(layers[-1], actions) if error is None else GainHead(layers[-1], actions, error)
@@ -49,9 +50,9 @@ class FeedForwardActor(nn.Module):
         """The same of one step: actions before clipping (B, m) and memory (B, 0), for x (B, entries)."""
         return self(x)
 
-    def tape(self, steps: int, lanes: int) -> StepTape:
-        """A record of steps of episodes, which begin now, for their gradients."""
-        return StepTape(self)
+    def tape(self, steps: int, lanes: int) -> Tape:
+        """A record of T = `steps` steps of B = `lanes` episodes, which begin now, for their gradients."""
+        return FeedForwardTape(self, steps, lanes) if self.activation is nn.Tanh else StepTape(self)
 
     def predict(
         self, observation: NDArray[Any], state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -60,3 +61,73 @@ class FeedForwardActor(nn.Module):
         with torch.no_grad():
             actions, _ = self(torch.as_tensor(np.asarray(observation, np.float32)))
         return actions.clamp(-1, 1).numpy(), None
+
+
+class FeedForwardTape:
+    """Steps of a FeedForwardActor whose activation is tanh, and their gradients by formulas written by hand.
+
+    Gradients by weights are one matrix product over all steps and episodes.
+
+    Args:
+        actor: which must not change until the gradients are taken. steps: T. lanes: B episodes.
+    Attributes:
+        parameters: of the actor.
+    """
+
+    @torch.no_grad()
+    def __init__(self, actor: FeedForwardActor, steps: int, lanes: int) -> None:
+        self.parameters = tuple(actor.parameters())
+        self._gain = actor.head if isinstance(actor.head, GainHead) else None
+        layers = [
+            *(part for part in actor.hidden if isinstance(part, nn.Linear)),
+            self._gain.layer if self._gain else actor.head,
+        ]
+        self._layers = [(layer.weight, layer.bias) for layer in layers]
+        self._inputs = [torch.empty(steps, lanes, weight.shape[1]) for weight, _ in self._layers]
+        self._by_outputs = [torch.empty(steps, lanes, len(bias)) for _, bias in self._layers]
+        self._combined, self._now = list[Combined](), 0
+
+    @property
+    def memories(self) -> torch.Tensor:
+        """The memory after every step, of no entries, (T, B, 0)."""
+        return self._inputs[0][..., :0]
+
+    @torch.no_grad()
+    def step(self, x: torch.Tensor) -> torch.Tensor:
+        """Actions before clipping (B, m) of the next step, for normalised observations x (B, entries)."""
+        t, (weight, bias) = self._now, self._layers[-1]
+        self._inputs[0][t] = x
+        for layer, inputs, outputs in zip(self._layers, self._inputs, self._inputs[1:], strict=False):
+            tanh_(torch.addmm(layer[1], inputs[t], layer[0].T, out=outputs[t]))
+        self._now += 1
+        outputs = torch.addmm(bias, self._inputs[-1][t], weight.T)
+        if self._gain is None:
+            return outputs
+        actions, combined = self._gain.combined(outputs, x[:, list(self._gain.error.places)])
+        self._combined.append(combined)
+        return actions
+
+    def begin_back(self) -> None:
+        """Before the gradients by the last step."""
+
+    @torch.no_grad()
+    def back(self, by_actions: torch.Tensor, by_memory: torch.Tensor | None = None) -> torch.Tensor:
+        """Gradient by x (B, entries) of the last step of which there is none yet: see Tape."""
+        self._now -= 1
+        t, by_outputs, by_entries = self._now, by_actions, None
+        if self._gain is not None:
+            by_outputs, by_entries = self._gain.back(by_actions, self._combined[t])
+        for place in reversed(range(len(self._layers))):
+            self._by_outputs[place][t] = by_outputs
+            by_outputs = by_outputs @ self._layers[place][0]
+            if place > 0:
+                by_outputs *= tanh_slope(self._inputs[place][t])
+        if self._gain is not None and by_entries is not None:
+            by_outputs[:, list(self._gain.error.places)] += by_entries
+        return by_outputs
+
+    @torch.no_grad()
+    def gradients(self) -> tuple[torch.Tensor, ...]:
+        """Gradients by the actor's parameters, in the order of `parameters()`, after all steps back."""
+        pairs = zip(self._by_outputs, self._inputs, strict=True)
+        return tuple(gradient for by_outputs, inputs in pairs for gradient in layer_gradients(by_outputs, inputs))

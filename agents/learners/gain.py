@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import nn
 
@@ -9,6 +11,16 @@ from rj_gym.core.task import ObservedError
 
 GAIN_MM = 5.0  # error at which an entry of M is an action
 SCALE_MM = 1.5  # error at which half of b is left
+
+
+class Combined(NamedTuple):
+    """What the derivative of a GainHead's actions needs."""
+
+    gains: torch.Tensor  # M, (..., m, d)
+    offsets: torch.Tensor  # b, (..., m)
+    error: torch.Tensor  # e, (..., d) [mm]
+    size: torch.Tensor  # |e|, (..., 1) [mm]
+    share: torch.Tensor  # |e| / (|e| + SCALE_MM), (..., 1)
 
 
 class GainHead(nn.Module):
@@ -37,8 +49,25 @@ class GainHead(nn.Module):
     def forward(self, seen: torch.Tensor) -> torch.Tensor:
         """Actions before clipping (..., m), for inputs (..., width + d) as `seen` gives them."""
         hidden, entries = seen[..., : -self.dimension], seen[..., -self.dimension :]
-        gains, offsets = self.layer(hidden).split([self.actions * self.dimension, self.actions], -1)
-        error = self.error.unit_mm * entries
-        linear = (gains.unflatten(-1, (self.actions, self.dimension)) * error[..., None, :]).sum(-1)
+        return self.combined(self.layer(hidden), entries)[0]
+
+    def combined(self, coefficients: torch.Tensor, entries: torch.Tensor) -> tuple[torch.Tensor, Combined]:
+        """Actions before clipping (..., m), and what their derivative needs.
+
+        Args:
+            coefficients: M, row by row, and b behind it, (..., m d + m). entries: of the error, (..., d).
+        """
+        gains, offsets = coefficients.split([self.actions * self.dimension, self.actions], -1)
+        gains, error = gains.unflatten(-1, (self.actions, self.dimension)), self.error.unit_mm * entries
         size = (error.square().sum(-1, keepdim=True) + 1e-12).sqrt()
-        return linear / self.gain_mm + offsets * size / (size + self.scale_mm)
+        share = size / (size + self.scale_mm)
+        actions = (gains * error[..., None, :]).sum(-1) / self.gain_mm + offsets * share
+        return actions, Combined(gains, offsets, error, size, share)
+
+    def back(self, by_actions: torch.Tensor, parts: Combined) -> tuple[torch.Tensor, torch.Tensor]:
+        """Gradients by coefficients (..., m d + m) and by entries (..., d), from that by the actions (..., m)."""
+        by_gains = (by_actions / self.gain_mm)[..., None] * parts.error[..., None, :]
+        by_share = (by_actions * parts.offsets).sum(-1, keepdim=True)
+        slope = self.scale_mm / ((parts.size + self.scale_mm).square() * parts.size)
+        by_error = (by_actions[..., None] * parts.gains).sum(-2) / self.gain_mm + by_share * slope * parts.error
+        return torch.cat([by_gains.flatten(-2), by_actions * parts.share], -1), self.error.unit_mm * by_error

@@ -20,6 +20,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from agents.learners.episodes import ResidualBase
 from agents.learners.policy import EpisodePolicy, FeedForwardPolicy, RecurrentPolicy
 from rj_gym.core.vector import TaskVectorEnv
+from rj_gym.surroundings.task import SurroundingsTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
 
@@ -75,7 +77,7 @@ class EpisodeLearner(BaseAlgorithm):
         self._setup_lr_schedule()
         self.policy_kwargs["optimizer"] = self.optimizer
         if self.env is not None:
-            task = native_env(self.env).task
+            task = native_env(self.env, among_walls=True).task
             self.policy_kwargs["hidden"] = 2 * task.dimension + 3 * task.action_size
         self.set_random_seed(self.seed)
         self.policy = self.policy_class(
@@ -177,9 +179,11 @@ def base_of(env: VecEnv | None) -> ResidualBase | None:
     return None
 
 
-def native_env(env: VecEnv | None) -> TaskVectorEnv:
+def native_env(env: VecEnv | None, among_walls: bool = False) -> TaskVectorEnv:
     """The native vector environment in the wrappers of SB3, its autoreset disabled: whole episodes are played.
 
+    Args:
+        among_walls: whether tasks among walls will do, too.
     Raises:
         ConfigError: another environment, or one that is not of a tracking task.
     """
@@ -188,8 +192,10 @@ def native_env(env: VecEnv | None) -> TaskVectorEnv:
         inner = inner.venv
     native = getattr(inner, "env", None)
     vectors = env is not None and isinstance(env.observation_space, spaces.Box)
-    if not isinstance(native, TaskVectorEnv) or not native.task.dimension or not vectors:
+    tasks = (TrackingTask, SurroundingsTask) if among_walls else (TrackingTask,)
+    if not isinstance(native, TaskVectorEnv) or not isinstance(native.task, tasks) or not vectors:
         allowed = "a tracking environment of rj_gym whose observation is one vector"
-        raise ConfigError("env", type(native or inner).__name__, allowed, "apg and distill play its episodes.")
+        hint = "apg and distill play its episodes. Among walls distill has to be told its teacher."
+        raise ConfigError("env", type(native or inner).__name__, allowed, hint)
     native.autoreset_mode = AutoresetMode.DISABLED
     return native

@@ -9,6 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from agents.learners.tape import layer_gradients, tanh_, tanh_slope
+
 WIDTH = 128
 
 
@@ -111,15 +113,15 @@ class RecurrentTape:
         """Actions before clipping (B, m) of the next step, for x (B, entries)."""
         t, w, before = self._now, self._width, self._memories[self._now]
         self._x[t] = x
-        z = _tanh_(torch.addmm(self._encoder[1], x, self._encoder[0].T, out=self._z[t]))
+        z = tanh_(torch.addmm(self._encoder[1], x, self._encoder[0].T, out=self._z[t]))
         seen, recalled = torch.addmm(self._z_bias, z, self._by_z.T), self._recalled
         gates = torch.add(seen[:, : 2 * w], recalled[:, : 2 * w], out=self._gates[t]).sigmoid_()
         r, u, fed = gates[:, :w], gates[:, w:], self._fed[t]
         fed[:] = recalled[:, 2 * w : 3 * w]
-        new = _tanh_(torch.addcmul(seen[:, 2 * w : 3 * w], r, fed, out=self._new[t]))
+        new = tanh_(torch.addcmul(seen[:, 2 * w : 3 * w], r, fed, out=self._new[t]))
         memory = torch.lerp(new, before, u, out=self._memories[t + 1])
         self._recalled = torch.addmm(self._memory_bias, memory, self._by_memory.T)
-        hidden = _tanh_(torch.add(seen[:, 3 * w :], self._recalled[:, 3 * w :], out=self._hidden[t]))
+        hidden = tanh_(torch.add(seen[:, 3 * w :], self._recalled[:, 3 * w :], out=self._hidden[t]))
         self._now += 1
         return torch.addmm(self._last[1], hidden, self._last[0].T)
 
@@ -148,43 +150,27 @@ class RecurrentTape:
         (r, u), new, fed = self._gates[t].split(w, 1), self._new[t], self._fed[t]
         seen, recalled, earlier = self._by_seen[t], self._by_recalled[t + 1], self._by_recalled[t]
         self._by_actions[t] = by_actions
-        by_hidden = torch.mul(by_actions @ self._last[0], _slope(self._hidden[t]), out=seen[:, 3 * w :])
+        by_hidden = torch.mul(by_actions @ self._last[0], tanh_slope(self._hidden[t]), out=seen[:, 3 * w :])
         recalled[:, 3 * w :] = by_hidden
         total = torch.addmm(self._carried, recalled, self._by_memory)
         if by_memory is not None:
             total += by_memory
-        by_new = torch.mul(total - total * u, _slope(new), out=seen[:, 2 * w : 3 * w])
+        by_new = torch.mul(total - total * u, tanh_slope(new), out=seen[:, 2 * w : 3 * w])
         by_u = torch.mul(total * (self._memories[t] - new), u - u * u, out=seen[:, w : 2 * w])
         by_r = torch.mul(by_new * fed, r - r * r, out=seen[:, :w])
         earlier[:, :w], earlier[:, w : 2 * w] = by_r, by_u
         torch.mul(by_new, r, out=earlier[:, 2 * w : 3 * w])
         self._carried = total * u
-        by_encoded = torch.mul(seen @ self._by_z, _slope(self._z[t]), out=self._by_encoded[t])
+        by_encoded = torch.mul(seen @ self._by_z, tanh_slope(self._z[t]), out=self._by_encoded[t])
         return by_encoded @ self._encoder[0]
 
     @torch.no_grad()
     def gradients(self) -> tuple[torch.Tensor, ...]:
         """Gradients by the actor's parameters, in the order of `parameters()`, after all steps back."""
         w = self._width
-        by_z, z_bias = _layer_gradients(self._by_seen, self._z)
-        by_memory, memory_bias = _layer_gradients(self._by_recalled, self._memories)
+        by_z, z_bias = layer_gradients(self._by_seen, self._z)
+        by_memory, memory_bias = layer_gradients(self._by_recalled, self._memories)
         hidden = torch.cat([by_memory[3 * w :], by_z[3 * w :]], 1)
         gates = by_z[: 3 * w], by_memory[: 3 * w], z_bias[: 3 * w], memory_bias[: 3 * w]
-        last = _layer_gradients(self._by_actions, self._hidden)
-        return *_layer_gradients(self._by_encoded, self._x), *gates, hidden, z_bias[3 * w :], *last
-
-
-def _layer_gradients(by_output: torch.Tensor, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Gradients by the weights (k, n) and the bias (k,) of a layer, over all steps (T, B, k) and (T, B, n)."""
-    rows = by_output.flatten(0, 1)
-    return rows.T @ inputs.flatten(0, 1), rows.sum(0)
-
-
-def _tanh_(x: torch.Tensor) -> torch.Tensor:
-    """tanh of x, in its place: 2 / (1 + exp(-2 x)) - 1, a third of the time of torch's."""
-    return x.mul_(2.0).sigmoid_().mul_(2.0).sub_(1.0)
-
-
-def _slope(tanh: torch.Tensor) -> torch.Tensor:
-    """The derivative where tanh is this."""
-    return 1.0 - tanh * tanh
+        last = layer_gradients(self._by_actions, self._hidden)
+        return *layer_gradients(self._by_encoded, self._x), *gates, hidden, z_bias[3 * w :], *last

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from agents.policies.errors import PolicyError
-from agents.policies.file import SUFFIX, read_bytes
+from agents.policies.file import SUFFIX, read_bytes, unpack
 from agents.policies.shipped import ShippedPolicy
 from agents.runs.consent import Consent, allowing
 from agents.runs.folder import PolicyFiles
 from rj_gym import IDS
 from rollingjoint.checks import suggestion
+from rollingjoint.errors import MissingPackage
 
 FOLDER = Path(__file__).parent
 IN_A_RUN = PolicyFiles.within(Path()).network.name
@@ -56,13 +58,24 @@ def list_policies() -> list[str]:
 
 
 def shipped_policies(every: bool = False) -> list[ShippedPolicy]:
-    """All shipped policies of tracking tasks, of every version of their environments.
+    """All shipped policies of tracking tasks with one mechanism, of every version of their environments.
 
     Args:
-        every: whether those of tasks among walls belong to them, which most commands cannot play.
+        every: whether those of other tasks belong to them, which most commands cannot play; without torch those of many
+            mechanisms are left out.
     """
-    policies = [load_policy(name, version=version) for name, version in sorted(_shipped())]
-    return [policy for policy in policies if every or policy.env_id in IDS]
+    policies = []
+    for (name, version), path in sorted(_shipped().items()):
+        if every or _env_id(path) in IDS:
+            with suppress(MissingPackage):
+                policies.append(load_policy(name, version=version))
+    return policies
+
+
+def _env_id(path: Path) -> str:
+    """The environment of a policy file, which is not made for that."""
+    content, _ = unpack(read_bytes(path), str(path))
+    return str(content["environment"]["id"])
 
 
 def _shipped() -> dict[tuple[str, int], Path]:

@@ -21,7 +21,7 @@ from agents.policies.layers import Vectors
 from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
-from rj_gym import IDS, SURROUNDINGS_IDS, Terms
+from rj_gym import IDS, MANY_IDS, SURROUNDINGS_IDS, Terms
 from rj_gym.registry import making_arguments, registered_settings, registration_of, row_of, task_of
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
@@ -56,6 +56,8 @@ class ShippedPolicy(Controller):
     Raises:
         PolicyError: a network that does not fit the environment, or an environment that rj_gym does not have.
     """
+
+    one_mechanism = False
 
     name: str
     algorithm: str
@@ -238,7 +240,8 @@ def check_has_policies(env_id: str) -> None:
     row = row_of(env_id)
     if row is None or not row.has_policies:
         hint = "Import the module that registers it first, with an entry point in rj_gym."
-        raise PolicyError("environment", env_id, f"one of {', '.join([*IDS, *SURROUNDINGS_IDS])}", "" if row else hint)
+        allowed = f"one of {', '.join([*IDS, *MANY_IDS, *SURROUNDINGS_IDS])}"
+        raise PolicyError("environment", env_id, allowed, "" if row else hint)
 
 
 def is_goal(env_id: str) -> bool:

@@ -41,6 +41,8 @@ class TrainedPolicy(Controller):
         observations: behind the statistics of the normaliser; 0 where observations are not normalised.
     """
 
+    one_mechanism = False
+
     network: PolicyNetwork
     algorithm: str
     steps: int

@@ -9,8 +9,10 @@ Modules:
     guard: what every goal passes before it is sent.
     loop: a rig: motors, load cells, guard, pace and recording.
     env: RigEnv, the observations of a simulated task from a rig.
+    camera: the tip as a camera sees it, by balls on the links.
     calibrate: signs, homing by tension, sweeps on the bench.
     settings: the file of a rig, and its calibration.
+    export: recordings as Minari datasets.
     dynamixel: Dynamixel XM430-W350 by the manufacturer's SDK.
     cells: load cells behind a serial amplifier.
     simulated: servos and load cells in software behind pseudo-terminals.

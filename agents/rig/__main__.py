@@ -1,4 +1,4 @@
-"""The command rj rig: check, home, bench, drive, replay. Not yet run on hardware; docs/rig.md is the page to follow.
+"""The command rj rig: check, home, bench, drive, reboot, replay. Not yet run on hardware: docs/rig.md.
 
 Motors hold when a command ends, by whatever. An emergency stop is a switch in their supply.
 """
@@ -17,6 +17,8 @@ from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from agents.rig.settings import RigSettings
+
+_FAR_MM = 20.0  # from where the unloaded mechanism comes, as designed: targets beyond are refused; loads move the tip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,6 +47,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     driving.add_argument("--seed", type=int, default=0, help="of the targets (default 0)")
     for one in (sweeping, driving):
         one.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl", help="a new recording")
+    rebooting = command("reboot", _reboot, "reboot a motor after a hardware error, and forget the zero")
+    rebooting.add_argument("--id", type=int, required=True, metavar="N", help="of the motor, which loses its torque")
+    exporting = command("export", _export, "a recording as a Minari dataset, an episode per run", False)
+    exporting.add_argument("recording", type=Path, metavar="FILE", help="a recording")
+    exporting.add_argument(
+        "--out", required=True, metavar="WHERE", help="id of the dataset (rig/bench-v0), or a folder"
+    )
     replaying = command("replay", _replay, "recorded motors through the model, beside what was measured", False)
     replaying.add_argument("recording", type=Path, metavar="FILE", help="a recording")
     replaying.add_argument("--identified", type=Path, metavar="FOLDER", help="of rj identify (default: as designed)")
@@ -114,7 +123,7 @@ def _drive(arguments: argparse.Namespace) -> int:
     import numpy as np
 
     from agents.policies.loading import load_policy
-    from agents.rig.env import RigEnv
+    from agents.rig.env import RigEnv, task_of_rigs
     from agents.rig.settings import connected
     from rollingjoint.identify import RecordingWriter
 
@@ -123,6 +132,9 @@ def _drive(arguments: argparse.Namespace) -> int:
     as_integer("--seed", arguments.seed, 0, error=ConfigError)
     if policy.mechanism.n_tendons != settings.mechanism.n_tendons:
         raise ConfigError("--policy", arguments.policy, f"a policy for {settings.mechanism.n_tendons} tendons")
+    task_of_rigs(policy.settings)
+    for target in arguments.target or ():
+        _check_reach(settings, target)
     settings.spools()
     about = {"rate": settings.rate, "rig": str(settings.path), "policy": policy.name, "policy_sha256": policy.sha256}
     writer = RecordingWriter(arguments.out, settings.mechanism, **about)
@@ -143,6 +155,26 @@ def _drive(arguments: argparse.Namespace) -> int:
             print(f"episode {episode + 1}: tensions {_row(info['tensions'])} N{seen}")
         print(rig.pace.summary())
     print(f"recorded: {arguments.out}")
+    return 0
+
+
+def _check_reach(settings: RigSettings, target: Sequence[float]) -> None:
+    """Raise ConfigError for a target that the tip of the mechanism as designed stays far away from."""
+    from rollingjoint import reach
+
+    found = reach(settings.mechanism, target, tension_limits=(settings.guard.low, settings.guard.high))
+    if not found.distance < _FAR_MM:
+        near = f"the nearest place found is ({found.tip[0]:.1f}, {found.tip[1]:.1f})"
+        raise ConfigError("--target", list(target), f"a place that the tip reaches [mm]; {near}")
+
+
+def _reboot(arguments: argparse.Namespace) -> int:
+    from agents.rig.settings import reboot
+
+    settings = _settings(arguments)
+    reboot(settings, arguments.id)
+    print(f"motor {arguments.id} was rebooted: it has no torque, its turns are lost, and the zero is forgotten")
+    print(f"next: rj rig home {settings.path}")
     return 0
 
 
@@ -174,6 +206,14 @@ def _replay(arguments: argparse.Namespace) -> int:
                 else f"rms {np.sqrt(np.mean(sizes**2)):.3f}, largest {sizes.max():.3f} {unit}"
             )
             print(f"{name}: {text}; {100 * lost:.1f} % of readings without an equilibrium of the model")
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from agents.rig.export import write_minari
+
+    folder, steps = write_minari(arguments.recording, arguments.out)
+    print(f"{folder}: {steps} steps")
     return 0
 
 

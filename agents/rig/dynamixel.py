@@ -315,8 +315,11 @@ class Dynamixels:
             self._set(ident, _WATCHDOG, 1, self._watchdog)
 
     def reboot(self, ident: int) -> None:
-        """Reboot a motor: torque goes, and its turns are lost, so that the rig has to be homed."""
-        self.handler.reboot(self.port, ident)
+        """Reboot a motor: torque goes, and its turns are lost, so that the rig has to be homed; BusLost: no answer."""
+        self.port.is_using = False
+        result, _ = self.handler.reboot(self.port, ident)
+        if result != dxl.COMM_SUCCESS:
+            raise BusLost(f"rebooting motor {ident}: {self._words(result)}")
         self.ticks = None
         self._counters.pop(ident, None)
 

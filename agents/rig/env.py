@@ -40,12 +40,8 @@ class RigEnv(gymnasium.Env[Any, Any]):
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own form)
 
     def __init__(self, settings: TaskConfig, rig: Rig) -> None:
-        self.task: TrackingTask = task_of(settings)
+        self.task = task_of_rigs(settings)
         self.config = self.task.config
-        if self.config.sensing.pose != "none" or not self.config.is_instrumented:
-            raise InvalidInput(
-                "settings", self.config.sensing.pose, 'a task with sensing.pose "none", as Instrument-v1'
-            )
         m = self.task.action_size
         if len(rig.guard.home) != m:
             raise InvalidInput("tendons of the rig", len(rig.guard.home), f"{m}, as of the task")
@@ -121,6 +117,14 @@ class RigEnv(gymnasium.Env[Any, Any]):
     def close(self) -> None:
         """Hold, and leave the rig."""
         self.rig.close()
+
+
+def task_of_rigs(settings: TaskConfig) -> TrackingTask:
+    """The task of these settings; raises InvalidInput for one whose observation has poses."""
+    task: TrackingTask = task_of(settings)
+    if task.config.sensing.pose != "none" or not task.config.is_instrumented:
+        raise InvalidInput("settings", task.config.sensing.pose, 'a task with sensing.pose "none", as Instrument-v1')
+    return task
 
 
 def settle_tensions(rig: Rig, wanted: Array, near: float = _NEAR) -> RigState:

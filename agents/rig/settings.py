@@ -14,6 +14,7 @@ import numpy as np
 from agents.rig.guard import GuardSettings
 from agents.rig.loop import Rig
 from agents.rig.pace import LoopClock, VirtualClock, WallClock
+from agents.rig.protocols import RigPoses
 from agents.rig.spool import Spools
 from agents.runs.checked_json import read_json
 from agents.runs.files import write_text
@@ -24,9 +25,10 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.identify import RecordingWriter
 from rollingjoint.io.mechanism_file import load_mechanism
 
-KEYS = ("mechanism", "rate", "looks", "motors", "cells", "guard", "simulated", "offsets", "identified")
+KEYS = ("mechanism", "rate", "looks", "motors", "cells", "guard", "camera", "simulated", "offsets", "identified")
 MOTOR_KEYS = ("port", "baud", "ids", "signs", "radius_mm", "current_limit", "watchdog_s")
 CELL_KEYS = ("port", "baud")
+CAMERA_KEYS = ("grab", "view", "balls", "diameter", "kind")
 SIMULATED_KEYS = ("robot", "generation", "wall")
 CALIBRATION, CALIBRATION_KEYS = ".calibration.json", ("zero_ticks", "zero_mm", "signs", "radius_mm", "tension")
 
@@ -40,6 +42,7 @@ class RigSettings:
         motors, cells: their keys, MOTOR_KEYS and CELL_KEYS. guard: limits.
         offsets: true lengths minus those of the calibration, (m,) [mm]; of `offsets`, or of the folder `identified`.
         simulated: a robot of the development set in software, in place of ports; None: hardware.
+        camera: keys of a camera for the tip, KEYS of rollingjoint.camera.photographs and `grab`; None: no camera.
     """
 
     path: Path
@@ -51,6 +54,7 @@ class RigSettings:
     guard: GuardSettings
     offsets: tuple[float, ...]
     simulated: Mapping[str, Any] | None
+    camera: Mapping[str, Any] | None = None
 
     @property
     def calibration_path(self) -> Path:
@@ -109,7 +113,12 @@ def load_rig(path: str | Path) -> RigSettings:
     rate = as_positive(f"{where}: rate", top.get("rate", 20.0), "a positive number [Hz]", ConfigError)
     looks = as_integer(f"{where}: looks", top.get("looks", 4), 1, 100, error=ConfigError)
     offsets = _offsets(where, top, path.parent, m)
-    return RigSettings(path, mechanism, rate, looks, motors, cells, guard, offsets, simulated)
+    camera = (
+        None if top.get("camera") is None else mapping(f"{where}: camera", top["camera"], CAMERA_KEYS, CAMERA_KEYS[:4])
+    )
+    if camera is not None and simulated is not None:
+        raise ConfigError(f"{where}: camera", list(camera), "no camera beside 'simulated', which has a tracker")
+    return RigSettings(path, mechanism, rate, looks, motors, cells, guard, offsets, simulated, camera)
 
 
 def _motors(where: str, value: object, m: int, in_software: bool) -> dict[str, Any]:
@@ -171,33 +180,73 @@ def connected(
         RigError, ConfigError: ports, motors or a calibration that cannot be used.
     """
     from agents.rig.cells import SerialCells
-    from agents.rig.dynamixel import Dynamixels, DynamixelSettings
 
     spools = settings.spools(calibrated)
+    with _driver(settings, spools) as (motors, bus, clock):
+        motors.connect()
+        m, baud = settings.mechanism.n_tendons, settings.cells["baud"]
+        port = str(settings.cells.get("port")) if bus is None else bus.cell_port
+        cells = SerialCells(port, m, clock, baud, max(0.02, 1e-3 * _patience_ms(clock)))
+        at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
+        poses = _tracker(settings, clock) if bus is None else _SimulatedTracker(bus, clock)
+        with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:
+            yield rig, motors
+
+
+def reboot(settings: RigSettings, ident: int) -> None:
+    """Reboot a motor after a hardware error, and forget the zero: its turns are lost, and it has no torque.
+
+    Raises:
+        ConfigError: no motor of the rig. RigError: a port that cannot be used, or no answer.
+    """
+    if ident not in settings.motors["ids"]:
+        raise ConfigError("--id", ident, f"a motor of the rig: {settings.motors['ids']}")
+    with _driver(settings, settings.spools(calibrated=False)) as (motors, _, _):
+        try:
+            motors.reboot(ident)
+        finally:
+            motors.close()
+        settings.calibration_path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _driver(settings: RigSettings, spools: Spools) -> Iterator[tuple[Any, Any, LoopClock]]:
+    """Motors that are not connected yet, the simulated bus if there is one, and the clock."""
+    from agents.rig.dynamixel import Dynamixels, DynamixelSettings
+
     bus: Any = None
     clock: LoopClock = WallClock()
-    ports = str(settings.motors.get("port")), str(settings.cells.get("port"))
     if settings.simulated is not None:
         bus, clock = simulated_bus(settings)
-        ports = bus.port, bus.cell_port
+    port = str(settings.motors.get("port")) if bus is None else bus.port
     try:
         options = {name: settings.motors[name] for name in ("ids", "baud", "current_limit", "watchdog_s")
                    if settings.motors.get(name) is not None}  # fmt: skip
-        patience = 2000.0 if isinstance(clock, VirtualClock) else 10.0  # ms: time stands still, kernels may compile
-        bus_settings = DynamixelSettings(port=ports[0], **options)
-        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, patience)
+        bus_settings = DynamixelSettings(port=port, **options)
+        motors = Dynamixels(bus_settings, spools, clock, 1.0 / settings.rate, _patience_ms(clock))
         if isinstance(clock, VirtualClock):
             clock.quiet.append(lambda: bus.received >= motors.port.sent)
-        motors.connect()
-        m, baud = settings.mechanism.n_tendons, settings.cells["baud"]
-        cells = SerialCells(ports[1], m, clock, baud, max(0.02, 1e-3 * patience))
-        at_zero = np.array(spools.lengths_at_zero) if calibrated else motors.read().values
-        poses = None if bus is None else _SimulatedTracker(bus, clock)
-        with Rig(motors, cells, clock, at_zero, settings.guard, settings.rate, settings.looks, poses, writer) as rig:
-            yield rig, motors
+        yield motors, bus, clock
     finally:
         if bus is not None:
             bus.close()
+
+
+def _patience_ms(clock: LoopClock) -> float:
+    """With an answer; on the virtual clock time stands still, and kernels may compile."""
+    return 2000.0 if isinstance(clock, VirtualClock) else 10.0
+
+
+def _tracker(settings: RigSettings, clock: LoopClock) -> RigPoses | None:
+    """The camera of a rig's file; None where it has none."""
+    if settings.camera is None:
+        return None
+    from agents.rig.camera import CameraPoses, grabber
+    from rollingjoint.camera.photographs import photographs_from_dict
+
+    where, content = f"{settings.path}: camera", dict(settings.camera)
+    grab = grabber(f"{where}.grab", text(f"{where}.grab", content.pop("grab")), settings.path.parent)
+    return CameraPoses(photographs_from_dict(where, content, settings.mechanism, settings.path.parent), grab, clock)
 
 
 def simulated_bus(settings: RigSettings) -> tuple[Any, LoopClock]:

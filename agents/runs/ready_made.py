@@ -13,7 +13,7 @@ _AGENTS = Path(__file__).resolve().parents[1]
 _FOLDERS = (_AGENTS / "configs", _AGENTS.parent / "configs")  # as installed, in a checkout
 _ENV_FILE = "../env/{}.yaml"  # as files of configs/train name those of configs/env
 
-TRAIN, TUNE, CAMPAIGN, SEARCH, ENV = KINDS = ("train", "tune", "campaign", "search", "env")
+TRAIN, TUNE, CAMPAIGN, SEARCH, CODESIGN, ENV = KINDS = ("train", "tune", "campaign", "search", "codesign", "env")
 
 
 def names(kind: str) -> list[str]:

@@ -22,6 +22,9 @@ TEST = range(9_000_000, 9_001_000)
 TAILS = range(9_500_000, 9_600_000)
 """Counting episodes that fail, of which there are few in thousands, in benchmarks/opponents.py."""
 
+MANY_VALIDATION, MANY_TEST = range(3_100_000, 3_110_000), range(9_600_000, 9_610_000)
+"""Episodes with many mechanisms, for choosing and for the table, in benchmarks/generalist.py."""
+
 ROBOTS = range(20_000_000, 22_000_000)
 """Robots that nobody modelled: a thousand of each."""
 

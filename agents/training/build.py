@@ -12,6 +12,7 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecMonitor, VecNormalize
 
+from agents.controllers.among_walls import TEACHERS
 from agents.controllers.residual import base_controller, output_size
 from agents.controllers.tuned import world_of
 from agents.policies.parameters import network_arguments, policy_name
@@ -24,8 +25,10 @@ from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPoli
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.gain import GainPolicy, GainSACPolicy, keep_zero
 from agents.training.residual import ResidualVecEnv
+from rj_gym import SURROUNDINGS_IDS
 from rj_gym.core.task import ObservedError
 from rj_gym.registry import task_of
+from rollingjoint.checks import as_choice
 from rollingjoint.errors import ConfigError
 
 
@@ -155,6 +158,9 @@ def _teacher_argument(config: TrainConfig, env: VecEnv) -> dict[str, Any]:
     name, key = config.parameters.get("teacher"), "parameters.teacher"
     if name is None:
         return {}
+    if config.env.id in SURROUNDINGS_IDS:
+        teachers = TEACHERS[SURROUNDINGS_IDS[config.env.id]]
+        return {"teacher": teachers[as_choice(key, name, tuple(teachers), ConfigError)]()}
     output_size(name, config.env, key)
     teacher = base_controller(name, world_of(config.env), key)
     teacher.bind(env.get_attr("task", [0])[0])

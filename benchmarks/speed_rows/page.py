@@ -18,7 +18,7 @@ This page is the output of
 python benchmarks/speed.py
 ```
 
-which measures everything below anew and takes some minutes; peers run in the same process and take turns with ours.
+which measures everything below anew and takes half an hour; peers run in the same process and take turns with ours.
 Speeds are those of the fastest of several repeats unless the sample says otherwise, and of the fastest of {rounds}
 rounds through the sections, ours and every peer's, since a machine that others share has slower minutes; pictures show
 the first round. What is no speed, and what is counted or profiled, is measured once. "Times faster" is ours against

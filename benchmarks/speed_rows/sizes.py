@@ -26,6 +26,8 @@ class Sizes:
     process_starts: int = 7
     profile_updates: int = 12  # of the demo's configuration, and of the one with 1,024 lanes
     profile_repeats: int = 2
+    training_seeds: int = 3
+    training_seconds: float = 60.0  # of processor time that a training gets at most
     minutes: bool = True  # measure what takes a minute whatever its size: fresh compilation, instruction counts
 
 

@@ -29,6 +29,7 @@ TASKS = {  # of the results page, by the stem of the classes
     "FlexibleArmGoal": ("flexible_arm",),
     "ArmInstrument": ("arm_instrument",),
     "PitchYaw": ("pitch_yaw",),
+    "ManyMechanisms": (),
     "CurvatureDesign": (),
     "CoDesign": (),
     "Lumen": (),
@@ -37,6 +38,7 @@ TASKS = {  # of the results page, by the stem of the classes
 }
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
+    "ManyMechanisms": ("generalist.gif", "One policy on six mechanisms that it has not seen."),
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
     "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
     "Lumen": ("surroundings_lumen.gif", "A controller that knows the centre line, in a hard lumen."),
@@ -44,7 +46,7 @@ PICTURES = {  # of environments without a task: file and caption
     "HiddenWall": ("surroundings_hidden_wall.gif", "A controller that is told the force touches the wall with 0.5 N."),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
-GUIDES["surroundings"] = "surroundings_tasks.md"
+GUIDES |= {"many": "generalist.md", "surroundings": "surroundings_tasks.md"}
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}
 TITLE = "# {name}\n\n`{env_id}`"
 

@@ -207,8 +207,9 @@ class LumenConfig(SurroundingsConfig):
         self._check(as_range, "depth", low=0.0, high=200.0, unit="mm")
         self._check(as_number, "feed_scale_mm", low=1e-6, high=10.0)
         self._check(as_range, "feed_range", low=0.0, high=1000.0, unit="mm")
-        if self.feed_range[1] == 0.0:
-            raise ConfigError("feed_range", self.feed_range, "a range that ends above 0 [mm]")
+        if self.feed_range[0] > 0.0 or self.feed_range[1] == 0.0:
+            allowed = "a range from 0, where the base starts, to a number above 0 [mm]"
+            raise ConfigError("feed_range", self.feed_range, allowed)
         self._check(as_choice, "walls", choices=("none", "ahead"))
 
     def family_radius(self, name: str) -> float:

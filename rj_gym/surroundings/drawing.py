@@ -26,7 +26,7 @@ Rng = np.random.Generator
 BEFORE = 10.0  # mm: from the origin of the base back to the start of a lumen
 NOSE = 10.0  # mm: from the tip at rest to the first bend
 AHEAD = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0)  # mm: places of the centre line that can be seen ahead of the tip
-_LINE_BEFORE = 30.0  # mm of the line before the first bend; the tip starts NOSE before it
+LINE_BEFORE = 30.0  # mm of the line before the first bend; the tip starts NOSE before it
 _LAST_PIECE = 80.0
 _MOST_DRAWS = 200
 
@@ -71,14 +71,14 @@ def lumen_scene(
     lumen, depth = drawn if lumen is None else lumen, drawn_depth if depth is None else depth
     begin = lumen.lengths[0]
     deepest = config.depth[1] + AHEAD[-1]
-    line = centre_points(lumen, begin - _LINE_BEFORE, begin + deepest + 10.0)
+    line = centre_points(lumen, begin - LINE_BEFORE, begin + deepest + 10.0)
     if lumen.radius(begin) <= config.sleeve:
         allowed = f"more than {config.sleeve:g} mm, the radius of the sleeve"
         raise InvalidInput("radius of options['lumen']", float(lumen.radius(begin)), allowed)
     if depth > deepest:
         raise InvalidInput("options['depth']", depth, f"at most {deepest:g} mm", "Set a larger depth in the settings.")
     values |= {"radius": float(lumen.radius(begin)), "stiffness": lumen.stiffness, "mu": mu, "depth": depth}
-    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, _LINE_BEFORE + depth, values)
+    return DrawnScene((lumen,), mu, lumen.pose(begin + depth)[:2], line, LINE_BEFORE + depth, values)
 
 
 class DrawnTask(Protocol):
@@ -113,17 +113,17 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
     if fixed:
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
     scenes: list[DrawnScene | None] = [None] * len(rngs)
-    vias = np.array([_pulls(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
-    out, _ = _free_way(task, vias)
+    vias = np.array([random_commands(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
+    out, _ = free_way(task, vias)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
         tried = [lane for lane in active for _ in range(GOALS)]
-        goals = np.array([_pulls(task, rngs[lane]) for lane in tried])
-        straight, good = _free_way(task, goals)
+        goals = np.array([random_commands(task, rngs[lane]) for lane in tried])
+        straight, good = free_way(task, goals)
         ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
-        back, _ = _free_way(task, ends, np.tile(vias, (len(tried), 1)))
+        back, _ = free_way(task, ends, np.tile(vias, (len(tried), 1)))
         back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
         found: list[tuple[int, DrawnScene]] = []
         for row, lane in enumerate(tried):
@@ -163,8 +163,8 @@ def scenes_at_a_wall(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str, A
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
-        goals = np.array([_pulls(task, rngs[lane]) for lane in active])
-        poses, good = _free_way(task, goals)
+        goals = np.array([random_commands(task, rngs[lane]) for lane in active])
+        poses, good = free_way(task, goals)
         walls, forces = [], np.zeros(len(active))
         for row, lane in enumerate(active):
             rng = rngs[lane]
@@ -189,16 +189,19 @@ GOALS, VIAS, MOST_STEPS = 4, 32, 45
 """Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
 
 
-def _pulls(task: DrawnTask, rng: Rng) -> Array:
-    """Random commands of antagonistic pairs of tendons: a segment bends by its own pair, and by those that pass it."""
-    pairs = task.mechanism.n_tendons // 2
-    own = rng.uniform(-7.0, 7.0, pairs)
-    pulls = np.repeat(own, 2) * np.tile([1.0, -1.0], pairs)
-    pulls[2:] += 0.6 * pulls[:-2]
-    return task.rest + pulls
+def random_commands(task: DrawnTask, rng: Rng) -> Array:
+    """Random commands of antagonistic pairs of tendons, (m,) [mm]."""
+    return commands_of_pairs(task, rng.uniform(-7.0, 7.0, task.mechanism.n_tendons // 2))
 
 
-def _free_way(task: DrawnTask, end: Array, begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
+def commands_of_pairs(task: DrawnTask, pulls: Array) -> Array:
+    """Commands (..., m) of pairs that pull by (..., pairs) [mm]: a segment bends by its own and by those passing it."""
+    commands = np.repeat(pulls, 2, axis=-1) * np.tile([1.0, -1.0], pulls.shape[-1])
+    commands[..., 2:] += 0.6 * commands[..., :-2]
+    return np.asarray(task.rest + commands)
+
+
+def free_way(task: DrawnTask, end: Array, begin: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Poses on the way to commands `end`, (B, m), without walls, (steps + 1, B, n, 3); whether all were found, (B,).
 
     begin: commands at the beginning, default those of the start, (B, m).
@@ -221,16 +224,16 @@ def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> 
     """
     config: ObstaclesConfig = task.config
     bars = Sleeve(config.sleeve).rows(task.mechanism.links).bars
-    at_ends, besides = _axes(bars, ends), _axes(bars, around[::2])
+    at_ends, besides = axes_of(bars, ends), axes_of(bars, around[::2])
     stiffness, (begin, end) = float(rng.uniform(*config.stiffness)), ends[:, -1, :2]
     discs, clear = list[Disc](), np.full(around.shape[1], np.inf)
     for _ in range(30):
         radius, share, off = float(rng.uniform(*config.disc_radius)), rng.uniform(0.3, 0.7), rng.normal(0.0, 3.0, 2)
         place = rng.uniform((-60.0, 20.0), (60.0, 90.0)) if discs else begin + share * (end - begin) + off
         disc = Disc((float(place[0]), float(place[1])), radius, stiffness=stiffness)
-        if _room(at_ends, disc).min() < 1.0:
+        if room(at_ends, disc).min() < 1.0:
             continue
-        now = np.minimum(clear, _room(besides, disc).min(axis=0))
+        now = np.minimum(clear, room(besides, disc).min(axis=0))
         if now.max() < 0.0:
             continue
         discs, clear = [*discs, disc], now
@@ -242,7 +245,7 @@ def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> 
 Axes = tuple[Array, Array, Array, Array]
 
 
-def _axes(bars: Array, poses: Array) -> Axes:
+def axes_of(bars: Array, poses: Array) -> Axes:
     """The axes of bars of links in poses (..., n, 3): first ends, vectors to the others, their squares, and radii."""
     at = poses[..., bars[:, 0].astype(np.int64), :]
     cos, sin = np.cos(at[..., 2]), np.sin(at[..., 2])
@@ -252,7 +255,7 @@ def _axes(bars: Array, poses: Array) -> Axes:
     return first, second - first, np.square(second - first).sum(-1), bars[:, 5]
 
 
-def _room(axes: Axes, disc: Disc) -> Array:
+def room(axes: Axes, disc: Disc) -> Array:
     """The least distance of a disc from the bars of an instrument in every pose, (...) [mm]."""
     first, way, square, radii = axes
     x, y = disc.centre[0] - first[..., 0], disc.centre[1] - first[..., 1]

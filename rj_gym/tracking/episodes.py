@@ -64,7 +64,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
         """One step of all lanes with the accepted actions, those that have ended too."""
-        return self._advance(self.capacity)
+        return self.advance_first(self.capacity)
 
     def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
         """One step of the only lane, with an action (m,): its observation and readings, fresh. Raises as `accept`."""
@@ -87,17 +87,22 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._kernels.observe(observations)
         return observations if self._terms is None else self._terms.observed(observations)
 
-    def tangent(self) -> Tangent:
-        """The state of all lanes and how it answers the tendons' commands."""
-        return tangent_of(self.task, self.solver, self.state, self.hardware, self.course.actuator_offsets)
+    def tangent(self, count: int | None = None) -> Tangent:
+        """The state of the first lanes, or all, and how it answers the tendons' commands."""
+        offsets = self.course.actuator_offsets[:count]
+        return tangent_of(self.task, self.solver, self.state, self.hardware, offsets)
 
-    def _advance(self, count: int) -> Observation:
-        """A step of the first lanes; their fresh observations, (count, entries)."""
+    def accept_first(self, actions: Array) -> None:
+        """Keep actions of the first lanes, (count, m), that were checked."""
+        self._actions[: len(actions)] = actions
+
+    def advance_first(self, count: int) -> Observation:
+        """A step of the first lanes with the accepted actions; their fresh observations, (count, entries)."""
         observations = self._stepped(count)
         return observations if self._terms is None else self._terms.apply(observations)
 
     def _stepped(self, count: int) -> Observation:
-        """`_advance` without the settings' terms."""
+        """`advance_first` without the settings' terms."""
         if count == 1 and self._at_once:
             if self._kernels.step(self._at, 0, 1):
                 self._complete(self._at, 0, 1)
@@ -157,7 +162,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self.solver.laws.low[:count], self.solver.laws.high[:count] = self.task.config.tension_range
         if self._terms is not None:
             self._terms.begin(count)
-        observations = self._advance(count)
+        observations = self.advance_first(count)
         readings[:, REWARDS] = 0.0
         if self._terms is not None:
             self._terms.forget(count)
@@ -248,14 +253,28 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._widen(source.course.targets, source.course.forces)
         for array, taken in zip(self._kept().values(), source._kept().values(), strict=True):
             array[rows] = taken[:count]
+        solver.laws.low[rows], solver.laws.high[rows] = self.task.config.tension_range
         if self._take_variations(rows, source):
             return
-        if solver.mechanisms != theirs.mechanisms or len(solver.mechanisms) > 1:
+        known = len(solver.mechanisms)
+        if isinstance(theirs.mechanisms, tuple) and theirs.mechanisms[:known] == solver.mechanisms:
+            designs = solver.designs.copy()
+            designs[rows] = theirs.designs[:count]
+            self._use(theirs.mechanisms, designs)
+        elif solver.mechanisms != theirs.mechanisms or known > 1:
             mechanisms = [solver.mechanisms[design] for design in solver.designs.tolist()]
             for row, design in zip(rows, theirs.designs[:count].tolist(), strict=True):
                 mechanisms[row] = theirs.mechanisms[design]
-            designs = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
-            self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
+            places = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
+            self._use(tuple(places), np.array([places[mechanism] for mechanism in mechanisms]))
+
+    def keep(self, rows: Rows) -> None:
+        """Have the first lanes go on where these are, in ascending order, and the others wait for their next start."""
+        if len(rows):
+            for array in self._kept().values():
+                array[: len(rows)] = array[rows]
+            self._use(self.solver.mechanisms, self.solver.designs[rows])
+        self.readings[len(rows) :, STEP] = 0.0
 
     def _take_variations(self, rows: Rows, source: TrackingEpisodeBuffer) -> bool:
         """Continue mechanisms of another buffer where every lane of both has its own variation."""
@@ -383,8 +402,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     def _use(self, mechanisms: Any, designs: NDArray[np.int64]) -> None:
         """Have the first lanes use these mechanisms."""
-        self.solver.use(mechanisms, designs)
-        self._bind()
+        if self.solver.use(mechanisms, designs):
+            self._bind()
 
     def _widen(self, targets: Array, forces: Array) -> None:
         """Make room for series over time where constants were enough so far."""

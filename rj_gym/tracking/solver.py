@@ -82,12 +82,16 @@ class LaneSolver:
         """Addresses of the solver's machine code and of its arrays, for kernels; 0 with friction."""
         return (self.alone.entry, self.alone.pins) if self._steps is None else (0, 0)
 
-    def use(self, mechanisms: Sequence[Any], designs: NDArray[np.int64]) -> None:
-        """Have the first lanes use these mechanisms, designs (count,)."""
+    def use(self, mechanisms: Sequence[Any], designs: NDArray[np.int64]) -> bool:
+        """Have the first lanes use these mechanisms, designs (count,); False where the solvers are bound already."""
+        is_bound = mechanisms is self.mechanisms and isinstance(mechanisms, tuple) and self.friction is None
         self.mechanisms = mechanisms
         self.designs[:] = 0
         self.designs[: len(designs)] = designs
-        self._bind()
+        if not is_bound or isinstance(self.alone, LaneByLane):
+            self._bind()
+            return True
+        return False
 
     def solve_the_rest(self, first: int, last: int, revise: Callable[[int, int], int] | None = None) -> None:
         """Solve the lanes that kernels have left; with friction their steps, which become the history of the next.
@@ -127,8 +131,8 @@ class LaneSolver:
             self.alone(row, row + 1)
 
     def solve_near(self, commands: Array, starts: Array) -> None:
-        """Solve all lanes under commands (B, m) [mm] from joint angles (B, J) [rad]; with friction, the steps there."""
-        self.laws.command[:], self.starts[:] = commands, starts
+        """Solve the first lanes under commands (count, m) [mm] from angles (count, J) [rad]; with friction, steps."""
+        self.laws.command[: len(commands)], self.starts[: len(starts)] = commands, starts
         run_in_threads(self._steps or self.alone, len(starts), starts.shape[1])
 
     def begin_histories(self, draws: Any, angles: Array) -> None:

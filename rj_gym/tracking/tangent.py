@@ -50,24 +50,25 @@ class Tangent(NamedTuple):
 
 
 def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Hardware, offsets: Array) -> Tangent:
-    """The Tangent of all lanes; solves them anew from where they are, without an effect on later steps.
+    """The Tangent of the first lanes; solves them anew from where they are, without an effect on later steps.
 
     With friction, of steps that would follow: holes that stick go on sticking, the others sliding.
 
     Args:
         task, solver: of the lanes.
         state: where they are, a RunningEpisodes. hardware: their motors.
-        offsets: added by motors to commands, (B, m) [mm].
+        offsets: added by motors to commands, (B, m) [mm]: of all lanes, or of the B first.
     """
-    m, d, readings = task.action_size, task.dimension, state.readings.copy()
+    m, d, B = task.action_size, task.dimension, len(offsets)
+    readings, hardware = state.readings[:B].copy(), Hardware._make(array[:B] for array in hardware)
     (low, highest), has_limits = task.config.tension_range, len(hardware.limits) > 0
     high = hardware.limits[:, BOUND] if has_limits else np.full((len(readings), m), highest)
     tensions, commands = readings[:, TENSIONS : TENSIONS + m], readings[:, TENSIONS + m : TENSIONS + 2 * m]
     limited = at_limit(tensions, low, high)
-    solver.laws.low[:] = np.where(limited, tensions, 0.0)  # tendons at a limit are held at it
-    solver.laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)  # infinite where there is no limit
-    rates = _rates(task, solver, state.angles, commands + offsets)
-    solver.laws.low[:], solver.laws.high[:] = low, high
+    solver.laws.low[:B] = np.where(limited, tensions, 0.0)  # tendons at a limit are held at it
+    solver.laws.high[:B] = np.where(limited, tensions, FREE_OF_LIMITS * high)  # infinite where there is no limit
+    rates = _rates(task, solver, state.angles[:B], commands + offsets)
+    solver.laws.low[:B], solver.laws.high[:B] = low, high
     active, zeros = len(hardware.motors) > 0, np.zeros_like(tensions)
     sheath = hardware.sheath.copy() if active else zeros
     stops = hardware.limits[:, STOP] if has_limits else zeros
@@ -76,7 +77,7 @@ def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Har
         commands=commands,
         tensions=tensions,
         tips=readings[:, TIP : TIP + d],
-        poses=task.pictured_values(state.poses),
+        poses=task.pictured_values(state.poses[:B]),
         half_play=hardware.half_play.copy() if active else zeros,
         sheath=sheath,
         held=limited,
@@ -101,16 +102,18 @@ def _pull_limits(task: TrackingTask, hardware: Hardware, high: Array) -> Array:
 
 def _rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array:
     """Tip, tensions, lengths and poses by d command, (B, d + 2 m + k, m), at commands `held`; 0 where unknown."""
-    rates = _implicit_rates(task, solver, angles, held) if task.dimension == 3 else None
+    together = task.dimension == 3 and len(held) == len(solver.designs)
+    rates = _implicit_rates(task, solver, angles, held) if together else None
     if rates is not None:
         return rates
     outputs, valid = [], np.ones(len(held), bool)
     for change in np.vstack([np.zeros(held.shape[1]), REACH * np.eye(held.shape[1])]):
         solver.solve_near(held + change, angles)
-        results = solver.results
-        tips = task.tips(results.poses)[:, : task.dimension]
-        outputs.append(np.hstack([tips, results.tensions, results.lengths, task.pictured_values(results.poses)]))
-        valid &= results.status <= AT_LIMIT
+        results, count = solver.results, len(held)
+        poses, tendons = results.poses[:count], (results.tensions[:count], results.lengths[:count])
+        tips = task.tips(poses)[:, : task.dimension]
+        outputs.append(np.hstack([tips, *tendons, task.pictured_values(poses)]))
+        valid &= results.status[:count] <= AT_LIMIT
     forward = np.stack([(changed - outputs[0]) / REACH for changed in outputs[1:]], axis=-1)
     return np.where(valid[:, None, None], forward, 0.0)
 

@@ -39,10 +39,10 @@ class Kit(Protocol):
     def cut(self, solid: Any, tool: Any) -> Any:
         """The solid less the tool."""
 
-    def common(self, one: Any, other: Any) -> Any:
+    def common(self, first: Any, second: Any) -> Any:
         """What both have in common."""
 
-    def joined(self, one: Any, other: Any) -> Any:
+    def joined(self, first: Any, second: Any) -> Any:
         """Both together."""
 
     def pieces(self, solid: Any) -> int:
@@ -86,13 +86,13 @@ class Faceted:
         """See Kit."""
         return solid - tool
 
-    def common(self, one: Any, other: Any) -> Any:
+    def common(self, first: Any, second: Any) -> Any:
         """See Kit."""
-        return one ^ other
+        return first ^ second
 
-    def joined(self, one: Any, other: Any) -> Any:
+    def joined(self, first: Any, second: Any) -> Any:
         """See Kit."""
-        return one + other
+        return first + second
 
     def pieces(self, solid: Any) -> int:
         """See Kit."""
@@ -147,13 +147,13 @@ class Exact:
         """See Kit."""
         return _ocp("BRepAlgoAPI").BRepAlgoAPI_Cut(solid, tool).Shape()
 
-    def common(self, one: Any, other: Any) -> Any:
+    def common(self, first: Any, second: Any) -> Any:
         """See Kit."""
-        return _ocp("BRepAlgoAPI").BRepAlgoAPI_Common(one, other).Shape()
+        return _ocp("BRepAlgoAPI").BRepAlgoAPI_Common(first, second).Shape()
 
-    def joined(self, one: Any, other: Any) -> Any:
+    def joined(self, first: Any, second: Any) -> Any:
         """See Kit."""
-        return _ocp("BRepAlgoAPI").BRepAlgoAPI_Fuse(one, other).Shape()
+        return _ocp("BRepAlgoAPI").BRepAlgoAPI_Fuse(first, second).Shape()
 
     def pieces(self, solid: Any) -> int:
         """See Kit."""

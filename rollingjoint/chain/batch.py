@@ -88,11 +88,14 @@ def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: in
 class PinnedAmongWalls:
     """Solves ranges of rows among walls, without friction, of arrays that stay where they are, as PinnedRange does.
 
-    Kernels call it by call_range(entry, pins, PinnedAmong, first, last).
+    Kernels call it by call_range(entry, pins, PinnedAmong, first, last). In space there are no lanes.
     """
 
-    def __init__(self, batch: Any, walls: WallArrays) -> None:
+    def __init__(self, batch: Any, walls: Any) -> None:
         self._batch, self._walls, self._is_long = batch, walls, batch.starts.shape[1] > MOST_JOINTS
+        if not isinstance(walls, WallArrays):
+            self._is_long, self.entry, self.pins = True, 0, 0
+            return
         alone = len(batch.starts) == 1 and not self._is_long
         memory = memory_among_walls(batch, walls) if alone else np.zeros(0)
         self._pinned, self.entry = Pinned(PinnedAmong(batch, walls, memory)), 0
@@ -109,10 +112,10 @@ class PinnedAmongWalls:
     def solve_the_rest(self, first: int, last: int) -> None:
         """Solve the rows that `entry` has left among first to last - 1."""
         rows = _left(self._batch, first, last, self._is_long)
-        _on_batch(solve_among_walls, _kind(self._batch), WallArrays, _LEFT)(*self._batch, self._walls, rows)
+        _on_batch(solve_among_walls, _kind(self._batch), _kind(self._walls), _LEFT)(*self._batch, self._walls, rows)
 
 
-def range_among_walls(batch: Any, walls: WallArrays, first: int, last: int) -> None:
+def range_among_walls(batch: Any, walls: Any, first: int, last: int) -> None:
     """Solve rows first to last - 1 among walls, without friction; Python's lock is released meanwhile.
 
     On the same arrays again, PinnedAmongWalls takes less time.
@@ -120,9 +123,9 @@ def range_among_walls(batch: Any, walls: WallArrays, first: int, last: int) -> N
     PinnedAmongWalls(batch, walls)(first, last)
 
 
-def step_range_among_walls(batch: Any, friction: FrictionArrays, walls: WallArrays, first: int, last: int) -> None:
+def step_range_among_walls(batch: Any, friction: FrictionArrays, walls: Any, first: int, last: int) -> None:
     """Solve the steps with friction of rows first to last - 1 among walls; Python's lock is released meanwhile."""
-    step = _on_batch(step_among_walls, _kind(batch), FrictionArrays, WallArrays, _LEFT)
+    step = _on_batch(step_among_walls, _kind(batch), FrictionArrays, _kind(walls), _LEFT)
     step(*batch, friction, walls, np.arange(first, last))
 
 
@@ -176,7 +179,7 @@ def solve_batch(
     laws: TendonLaw,
     tables: Array,
     starts: Array,
-    walls: WallArrays | None = None,
+    walls: Any = None,
 ) -> Any:
     """The equilibria of a batch of mechanisms of one class, unchecked.
 
@@ -203,7 +206,7 @@ def step_batch(
     starts: Array,
     before: FrictionState,
     friction: FrictionLaw | None = None,
-    walls: WallArrays | None = None,
+    walls: Any = None,
 ) -> Any:
     """The equilibria of a batch of steps with friction; the first arguments as of `solve_batch`.
 
@@ -229,7 +232,7 @@ def solve_one(
     table: Array,
     start: Array,
     before: FrictionState | None = None,
-    walls: WallArrays | None = None,
+    walls: Any = None,
 ) -> Any:
     """The equilibrium of one mechanism, unchecked; `before` makes it a step with friction.
 

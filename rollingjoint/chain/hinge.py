@@ -317,6 +317,11 @@ class HingeChain(Chain[HingeEquilibrium]):
         return read_only(np.array([(0.5 * bead.gap - bead.spacing, -0.5 * above) for bead, above in pairs]))
 
     @cached_property
+    def link_axes(self) -> Array:
+        """Both ends of the axis of every bead in its frame, up to the next hinge or its face, (n - 1, 2, 3) [mm]."""
+        return read_only(np.array([[(0.0, 0.0, -bead.spacing), (0.0, 0.0, 0.0)] for bead in self.beads]))
+
+    @cached_property
     def _holes(self) -> tuple[Array, ...]:
         """Holes of every link that a tendon passes, the base included, (links, 2) each [mm]."""
         return tuple(np.array(tendon.link_holes(self.n_links), float) for tendon in self.tendons)

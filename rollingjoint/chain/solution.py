@@ -15,13 +15,12 @@ from rollingjoint.chain.chain import read_only
 from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, no_friction, virgin_state
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import STATUSES, Status, codes_of
-from rollingjoint.chain.wall_step import WALL_OUTPUTS, WallStep
+from rollingjoint.chain.wall_step import WALL_OUTPUTS, WallStep, step_class
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.batch import stiffness_of
 from rollingjoint.kernels.friction import History
 from rollingjoint.kernels.rubbed import rubbed_stiffness_of
-from rollingjoint.kernels.walls import Walls
 from rollingjoint.load import check_table
 from rollingjoint.tables import Column
 
@@ -53,7 +52,7 @@ def stacked(solutions: Sequence[Any]) -> Any:
         state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
         gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
         friction = FrictionStep(gap_tensions, slip, work, state)
-    walls = None if first.walls is None else WallStep.stacked([solution.walls for solution in solutions])
+    walls = None if first.walls is None else type(first.walls).stacked([solution.walls for solution in solutions])
     return replace(first, loads=np.array(tables), friction=friction, walls=walls, **arrays)
 
 
@@ -98,7 +97,7 @@ class _LazyWalls:
         base, gaps, normals, states, forces = (
             np.ndarray(places[name][0], float, memory, places[name][1]) for name in WALL_OUTPUTS
         )
-        values["walls"] = WallStep(walls, 0, base, gaps, normals, states, forces, 0.0, jumped)
+        values["walls"] = step_class(walls)(walls, 0, base, gaps, normals, states, forces, 0.0, jumped)
         return values["walls"]
 
 
@@ -205,7 +204,7 @@ class Solution(ABC):
         iterations: int,
         status: int,
         number: int | None = None,
-        around: tuple[Walls, bool] | None = None,
+        around: tuple[Any, bool] | None = None,
     ) -> Self:
         """One equilibrium, its arrays made from its outputs at their first use.
 
@@ -250,7 +249,10 @@ class Solution(ABC):
 
     @property
     def base_among_walls(self) -> Array | None:
-        """(3,) pose of the base among walls, x, y [mm], angle [rad]; None without surroundings."""
+        """Pose of the base among walls: (3,) x, y [mm], angle [rad], in space (6,) x, y, z [mm], rotation vector [rad].
+
+        None without surroundings.
+        """
         if "_around" not in self.__dict__ or "walls" in self.__dict__:
             return None if self.walls is None else self.walls.base
         _, memory, places = self.__dict__["_outputs"]  # its walls have not been asked for yet
@@ -358,10 +360,13 @@ class Solution(ABC):
 
     @property
     def wall_forces(self) -> Array:
-        """(n, 3) force of the walls on every link, x, y, and moment about its origin, base frame [N, N·mm]; planar."""
+        """(n, 3) force of the walls on every link, x, y, and moment about its origin, base frame [N, N·mm].
+
+        In space (n, 6): x, y, z, and the three of the moment.
+        """
         if self.walls is not None:
             return self.walls.forces
-        return np.zeros((*self._codes.shape, self._one.n_links, 3))
+        return np.zeros((*self._codes.shape, self._one.n_links, self._motions))
 
     @cached_property
     def wall_contacts(self) -> list[Any]:
@@ -373,7 +378,7 @@ class Solution(ABC):
 
     @property
     def wall_gaps(self) -> Array:
-        """(candidates,) gap of every pair of outline and wall, negative where the wall gives way [mm]; planar."""
+        """(candidates,) gap of every pair of outline and wall, negative where the wall gives way [mm]."""
         if self.walls is None:
             return np.zeros((*self._codes.shape, 0))
         gaps = self.walls.touched(self._designs, self.joint_angles)[0].gaps
@@ -381,25 +386,38 @@ class Solution(ABC):
 
     @property
     def insertion_force(self) -> float | Array:
-        """Force that drives the base forwards against the walls, along its y axis [N]."""
-        force = -self.wall_forces[..., 1].sum(axis=-1)
+        """Force that drives the base forwards against the walls, along its y axis, in space along its z axis [N]."""
+        force = -self.wall_forces[..., self._one.dimension - 1].sum(axis=-1)
         return float(force) if force.ndim == 0 else force
 
     @property
     def base_torques(self) -> Array:
-        """(n - 1, 3) d residual / d motion of the base in its own frame: x, y, turn about its origin [N, N·mm/rad]."""
+        """(n - 1, 3) d residual / d motion of the base in its own frame: x, y, turn about its origin [N, N·mm/rad].
+
+        In space (n - 1, 6): x, y, z, and the three of the turn.
+        """
         return self._around[0]
 
     @property
     def wall_force_rates(self) -> Array:
-        """(2, n + 2) d force of all walls, x and y / d joint angles and motion of the base [N/rad, N/mm, N/rad]."""
+        """(2, n + 2) d force of all walls, x and y / d joint angles and motion of the base [N/rad, N/mm, N/rad].
+
+        In space (3, n + 5).
+        """
         return self._around[1]
 
     @property
     def _around(self) -> tuple[Array, Array]:
         if self.walls is not None:
             return self._among_walls[2:]
-        return np.zeros((*self.joint_angles.shape, 3)), np.zeros((*self._codes.shape, 2, self._one.n_links + 2))
+        motions, rows = self._motions, self._codes.shape
+        rates = np.zeros((*rows, self._one.dimension, self._one.n_joints + motions))
+        return np.zeros((*self.joint_angles.shape, motions)), rates
+
+    @property
+    def _motions(self) -> int:
+        """Numbers of a motion of the base: three in the plane, six in space."""
+        return 3 if self._one.dimension == 2 else 6
 
     @property
     def jumped(self) -> bool | NDArray[np.bool_]:
@@ -551,9 +569,9 @@ class Solution(ABC):
 
     @cached_property
     def _among_walls(self) -> tuple[Array, Array, Array, Array]:
-        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3).
+        """d residual / d joint angle, (n - 1, n - 1), / d tension, (n - 1, m), / d motion of the base, (n - 1, 3 or 6).
 
-        And d force of all walls, x and y / d joint angle and motion of the base, (2, n + 2).
+        And d force of all walls / d joint angle and motion of the base, (2, n + 2), in space (3, n + 5).
         """
         assert self.walls is not None
         valid = self._codes != int(Status.INVALID_INPUT)
@@ -564,12 +582,13 @@ class Solution(ABC):
             law = friction_laws(self.mechanism, len(angles))
             history = History(*(self._rows(array, axes=array.ndim - self._codes.ndim) for array in state))
         H, torques = np.empty((*angles.shape, angles.shape[1])), np.empty((*angles.shape, self.tensions.shape[-1]))
-        S, F = np.empty((*angles.shape, 3)), np.empty((len(angles), 2, angles.shape[1] + 3))
+        motions, axes = self._motions, self._one.dimension
+        S, F = np.empty((*angles.shape, motions)), np.empty((len(angles), axes, angles.shape[1] + motions))
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         self.walls.stiffness(self._designs, law, tendons, loads, angles, history, (H, torques, S, F))
         shape = self.joint_angles.shape
-        joined = H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, 3)
-        return *joined, F.reshape(*self._codes.shape, 2, -1)
+        joined = H.reshape(*shape, -1), torques.reshape(*shape, -1), S.reshape(*shape, motions)
+        return *joined, F.reshape(*self._codes.shape, axes, -1)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

@@ -217,6 +217,18 @@ class SpatialChain(Chain[SpatialEquilibrium]):
             ends[k - 1] = min(heights, default=0.0), max(heights, default=0.0)
         return read_only(ends)
 
+    @cached_property
+    def link_axes(self) -> Array:
+        """Both ends of the axis of every moving link in its frame, (n - 1, 2, 3) [mm].
+
+        From joint to joint, of rolling contacts from s = 0 to s = 0; the last one ends on the z axis at its highest
+        hole or at its origin, whichever is higher.
+        """
+        ends = [joint.ends for joint in self.joints]
+        last = (0.0, 0.0, max(0.0, float(self.body_ends[-1, 1])))
+        seconds = [*(below for below, _ in ends[1:]), np.array(last)]
+        return read_only(np.array([(above, second) for (_, above), second in zip(ends, seconds, strict=True)]))
+
     def outlines(self, count: int = 9) -> list[SpatialOutline]:
         """The outline of every link, base first, with contact surfaces of `count` places along their curves."""
         strips: list[list[Array]] = [[] for _ in range(self.n_links)]

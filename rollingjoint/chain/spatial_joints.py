@@ -74,6 +74,11 @@ class SpatialJoint(ABC):
         """Along the axis: the contact from the origin of the link below, the origin of the link above from there."""
 
     @property
+    @abstractmethod
+    def ends(self) -> tuple[Array, Array]:
+        """Where the axes of its links meet at rest, in the frames of the links below and above, (3,) both [mm]."""
+
+    @property
     def line(self) -> float:
         """Half width of its contact line [mm]; inf where it carries any reaction."""
         return np.inf
@@ -181,6 +186,11 @@ class RollingContact(SpatialJoint):
         return self.middle, 0.0
 
     @property
+    def ends(self) -> tuple[Array, Array]:
+        """The contact at s = 0 in the plane through z, in the frames of the links below and above, (3,) both [mm]."""
+        return np.array(self.child.start) @ self.frame[:2], np.array(self.parent.start) @ self.frame[:2]
+
+    @property
     def line(self) -> float:
         """Half width of its contact line [mm]."""
         return self.half_width
@@ -269,6 +279,11 @@ class PointHinge(SpatialJoint):
         if not -2 * np.pi <= low < high <= 2 * np.pi:
             raise MechanismError("hinge limits", self.limits, "two angles in order, from -2π to 2π [rad]")
         self._check_spring("hinge")
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """The hinge in the frames of the links below and above, (3,) both [mm]."""
+        return np.array(self.below, float), np.array(self.above, float)
 
     @property
     def frame(self) -> Array:

@@ -1,6 +1,7 @@
 """The command `rj`.
 
 Modules:
+    camera_command: the command `rj camera`.
     case_options: the options that define an equilibrium, and its solve.
     commands: the commands.
     extensions: commands of other packages.

@@ -62,11 +62,11 @@ def add_loads(parser: argparse.ArgumentParser) -> None:
 
 
 def add_surroundings(parser: argparse.ArgumentParser) -> None:
-    """Adds the walls around a planar chain, and where its base is among them."""
-    walls = parser.add_argument_group("walls around a planar chain")
+    """Adds the walls around a chain, and where its base is among them."""
+    walls = parser.add_argument_group("walls around the chain")
     walls.add_argument("--surroundings", metavar="FILE", help="YAML file with the key surroundings")
-    text = "pose of the base among them [mm, rad] (default 0 0 0)"
-    walls.add_argument("--base", nargs=3, type=float, metavar=("X", "Y", "ANGLE"), help=text)
+    text = "pose of the base among them [mm, rad]: X Y ANGLE, in space X Y Z or X Y Z and a rotation vector (default 0)"
+    walls.add_argument("--base", nargs="+", type=float, metavar="X", help=text)
 
 
 def actuated(args: argparse.Namespace) -> bool:
@@ -129,11 +129,10 @@ def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, 
         if args.base is not None:
             raise InvalidInput("--base", args.base, "--surroundings beside it")
         return {}
-    if mechanism.dimension != 2:
-        raise InvalidInput("--surroundings", args.surroundings, "a planar chain", "Walls in space are not built yet.")
     if getattr(args, "method", None) == "least_squares":
         raise InvalidInput("--surroundings", args.surroundings, "--method elastic")
-    base = counted("--base", args.base or [0.0, 0.0, 0.0], 3)
+    given = args.base or [0.0, 0.0, 0.0]
+    base = counted("--base", given, 6 if mechanism.dimension == 3 and len(given) > 3 else 3)
     return {"surroundings": load_surroundings(args.surroundings), "base": base}
 
 

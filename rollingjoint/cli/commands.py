@@ -20,6 +20,7 @@ from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import suggestion
 from rollingjoint.cli import (
+    camera_command,
     loop_command,
     mjcf,
     plan_command,
@@ -131,6 +132,11 @@ def _plan(args: argparse.Namespace) -> int:
 def _workspace(args: argparse.Namespace) -> int:
     _check_picture(args.out)
     workspace_command.run(args)
+    return OK
+
+
+def _camera(args: argparse.Namespace) -> int:
+    camera_command.run(args)
     return OK
 
 
@@ -262,6 +268,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
         "--friction", type=float, metavar="MU", help=f"{of_links}, where teeth hold rolling joints in space"
     )
     plot.set_defaults(run=_plot)
+    camera = commands.add_parser("camera", help="the view of a camera from a picture of a board of dots")
+    camera_command.add_options(camera)
+    camera.set_defaults(run=_camera)
     loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
     loop_command.add_options(loop)
     loop.set_defaults(run=_loop)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.se3 import rotation
 from rollingjoint.cli.case_options import (
     add_loads,
     add_surroundings,
@@ -41,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     given = parser.add_mutually_exclusive_group()
     given.add_argument("--lengths", nargs="+", type=float, metavar="L", help="commanded lengths of all steps [mm]")
     given.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tensions of all steps [N]")
-    text = "push the base in along its y axis from the first number to the next, and so on [mm]"
+    text = "push the base in along its y axis, in space its z axis, from the first number to the next, and so on [mm]"
     parser.add_argument("--feed", nargs="+", type=float, metavar="F", help=text)
     text = "largest way of the base in a step of --feed [mm] (default 1)"
     parser.add_argument("--feed-step", type=float, metavar="D", help=text)
@@ -81,7 +82,7 @@ def _traced(args: argparse.Namespace, mechanism: AnyChain) -> TracedPath:
         raise InvalidInput("--tension-limits", args.tension_limits, "only with lengths")
     bases = None
     if around:
-        bases = _bases(around.pop("base"), columns, feeds, count)
+        bases = _bases(around.pop("base"), columns, feeds, count, mechanism.dimension)
         around["base"] = bases
     path = trace(mechanism, inputs, loads_of(args, mechanism), given, **tension_limits_of(args), **around)
     return TracedPath(path, given, inputs, bases, feeds)
@@ -127,12 +128,19 @@ def _feeds(args: argparse.Namespace, columns: Mapping[str, Array]) -> Array | No
     return np.concatenate([turns[:1], *ways])
 
 
-def _bases(base: Any, columns: Mapping[str, Array], feeds: Array | None, count: int) -> Array:
-    """The pose of the base at every step, (K, 3)."""
+def _bases(base: Any, columns: Mapping[str, Array], feeds: Array | None, count: int, dimension: int) -> Array:
+    """The pose of the base at every step, (K, 3), in space (K, 6)."""
+    ways = np.zeros(count) if feeds is None else feeds
+    if dimension == 3:
+        if BASE[0] in columns:
+            raise InvalidInput("columns of the base", list(BASE), "a planar chain", "In space give --base and feed_mm.")
+        poses = np.zeros((count, 6))
+        poses[:, : len(base)] = base
+        poses[:, :3] += ways[:, None] * rotation(poses[:, 3:])[:, :, 2]
+        return poses
     if BASE[0] in columns:
         return np.stack([columns[name] for name in BASE], axis=1)
     x, y, angle = base
-    ways = np.zeros(count) if feeds is None else feeds
     return np.stack([x - ways * np.sin(angle), y + ways * np.cos(angle), np.full(count, angle)], axis=1)
 
 

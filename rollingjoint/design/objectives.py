@@ -151,7 +151,7 @@ class BendingShapes:
 class _RatioSweep:
     """A sweep of the two tendons' tensions at a constant sum, the logarithm of their ratio in equal steps.
 
-    TipTravel explains its fields.
+    TipTravel explains its fields. More tendons are pairs, left and right, which are all swept alike.
     """
 
     tension: float = 10.0
@@ -170,7 +170,8 @@ class _RatioSweep:
         return self.tension * np.stack([ratios, np.ones_like(ratios)], -1) / (1.0 + ratios[:, None])
 
     def _swept(self, chain: DifferentiableChain) -> Equilibria:
-        return swept(chain, self.tensions)
+        pairs = max(chain.n_tendons // 2, 1)
+        return swept(chain, np.tile(self.tensions, (1, pairs)))
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ class TipTravel(_RatioSweep):
     Source: docs/theory.md, sections 3 and 5.
 
     Args:
-        tension: sum of the tensions [N].
+        tension: sum of the tensions of the left and the right tendon, of every pair where there are several [N].
         ratio: largest ratio of the left to the right tension, and of the right to the left; above 1.
         cases: number of tension pairs, both ends included, 2 or more.
     Raises:

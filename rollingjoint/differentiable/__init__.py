@@ -7,6 +7,7 @@ Modules:
     contact: contact with walls at one pose, by the source of kernels.
     design: one chain in the plane or many as tensors.
     equilibria: results of the solvers.
+    found: equilibria that compiled batches have found.
     formulas: formulas of kernels as functions of tensors.
     friction: friction of the tendons, and its memory from step to step.
     geometry: contacts of surfaces, routes of tendons.
@@ -27,11 +28,13 @@ Modules:
     walled: equilibria among walls.
 """
 
+from rollingjoint.chain.wall_sums import link_contact
 from rollingjoint.errors import naming_extras
 
 with naming_extras():
     from rollingjoint.differentiable.design import DifferentiableChain
     from rollingjoint.differentiable.equilibria import Equilibria
+    from rollingjoint.differentiable.found import of_solutions
     from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
     from rollingjoint.differentiable.looking import as_on_a_device
     from rollingjoint.differentiable.side_by_side import Settled, SideBySide
@@ -55,6 +58,8 @@ __all__ = [
     "WalledEquilibria",
     "as_on_a_device",
     "linear_pieces",
+    "link_contact",
+    "of_solutions",
     "solve_lengths",
     "solve_tensions",
     "spline_pieces",

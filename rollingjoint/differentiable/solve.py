@@ -31,7 +31,7 @@ from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
 from rollingjoint.differentiable.spatial_statics import state_at
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.differentiable.surroundings import DifferentiableSurroundings
-from rollingjoint.differentiable.walled import Among, WalledEquilibria, state_among
+from rollingjoint.differentiable.walled import Among, PinnedWalls, WalledEquilibria, state_among
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.arrays import LARGEST_INPUT
@@ -182,7 +182,7 @@ def _solve(
         else:
             s, held, status, among = _search_among(expanded, geometry.detach(), law, table, begin, good, among)
     among = None if among is None else among.tied()
-    return _tied(geometry, law, _acting(expanded, table), s, held, status, among)
+    return tied(geometry, law, acting(expanded, table), s, held, status, among)
 
 
 def _around(
@@ -244,7 +244,7 @@ def _search(
     s, held = begin, torch.zeros_like(begin, dtype=torch.bool)
     unsolved = good
     if solver == "torch":
-        all_loads = _acting(design, loads)
+        all_loads = acting(design, loads)
         s, held, arrived = minimise(geometry, law, all_loads, begin, steps)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
@@ -262,7 +262,7 @@ def _search(
     return s, held, status
 
 
-def _acting(design: ChainTensors, table: Tensor) -> AnyLoads:
+def acting(design: ChainTensors, table: Tensor) -> AnyLoads:
     """The loads of a table and the springs of the mechanisms."""
     if design.springs:
         springs = torch.as_tensor(design.load_table(design.springs)).to(table)
@@ -270,8 +270,14 @@ def _acting(design: ChainTensors, table: Tensor) -> AnyLoads:
     return design.loads(table, design.n_links - 1)
 
 
-def _tied(
-    geometry: Geometry, law: Law, loads: AnyLoads, s: Tensor, held: Tensor, status: Tensor, among: Among | None = None
+def tied(
+    geometry: Geometry,
+    law: Law,
+    loads: AnyLoads,
+    s: Tensor,
+    held: Tensor,
+    status: Tensor,
+    among: Among | PinnedWalls | None = None,
 ) -> Equilibria:
     """The equilibria at contacts s as functions of all parameters behind the geometry, the law and the loads."""
     first, last = geometry.limits

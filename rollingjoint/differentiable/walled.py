@@ -130,10 +130,42 @@ class Among:
 
 
 @dataclass(frozen=True)
+class LinearContact:
+    """Contact of B chains as a linear law of the motion of their links, about poses (B, n, 3) [mm, rad].
+
+    Fields: forces (B, n, 4) and rates (B, n, 3, 3) there, as ContactsAtPose has them.
+    """
+
+    forces: Tensor
+    rates: Tensor
+    poses: Tensor
+
+    def at(self, positions: Tensor, angles: Tensor) -> ContactsAtPose:
+        """Contact at poses nearby: origins (B, n, 2) [mm] and angles (B, n) [rad]; nothing of single candidates."""
+        place = self.poses[..., :2]
+        turn, (dx, dy) = angles - self.poses[..., 2], (positions - place).unbind(-1)
+        motion = torch.stack([dx + turn * place[..., 1], dy - turn * place[..., 0], turn], -1)
+        changed = self.forces[..., :3] - (self.rates * motion[..., None, :]).sum(-1)
+        fx, fy, _, along = self.forces.unbind(-1)
+        levers = motion[..., 0] * fy - motion[..., 1] * fx - turn * along  # the forces move with the links
+        changed = changed + torch.nn.functional.pad(levers[..., None], (2, 0))
+        none = self.forces.new_zeros(len(self.forces), 0)
+        return ContactsAtPose(torch.cat([changed, self.forces[..., 3:]], -1), self.rates, *[none] * 5)
+
+
+@dataclass(frozen=True)
+class PinnedWalls:
+    """Walls around a batch of B as forces on its links, in the frame of the base: base is (B, 3) zeros."""
+
+    base: Tensor
+    problem: LinearContact
+
+
+@dataclass(frozen=True)
 class WalledState(ChainState):
     """The chain among walls at joint angles phi; among: the walls, with the candidates that press."""
 
-    among: Among
+    among: Among | PinnedWalls
 
     @cached_property
     def contact(self) -> ContactsAtPose:
@@ -141,7 +173,7 @@ class WalledState(ChainState):
         assert self.among.problem is not None
         return self._contact_in(self.among.problem)
 
-    def _contact_in(self, problem: WallProblem) -> ContactsAtPose:
+    def _contact_in(self, problem: WallProblem | LinearContact) -> ContactsAtPose:
         batch, n = self.among.base.shape[:-1], self.link_angles.shape[-1]
         places, angles = self.in_world(self.positions), self.link_angles + self.among.base[..., 2:]
         return problem.at(
@@ -155,7 +187,7 @@ class WalledState(ChainState):
 
     def slips_of(self, chosen: NDArray[np.bool_], slips: Tensor) -> Tensor:
         """The ways of contact at this pose, with gradients where candidates are chosen."""
-        assert self.among.problem is not None
+        assert isinstance(self.among.problem, WallProblem)
         there = self._contact_in(replace(self.among.problem, chosen=chosen)).slips
         return slips + there - there.detach()
 
@@ -219,8 +251,9 @@ class WalledEquilibria(Equilibria):
     @property
     def wall_memory(self) -> TouchMemory:
         """What contact remembers, for the next step, (B, candidates)."""
-        after, contact = self.walled.among.after, self.walled.contact
-        assert after is not None
+        among, contact = self.walled.among, self.walled.contact
+        assert isinstance(among, Among) and among.after is not None
+        after = among.after
         tied = {name: getattr(contact, name) for name in ("states", "normals")}
         presses = after.normals > 0.0
         return after._replace(
@@ -257,7 +290,7 @@ class WalledEquilibria(Equilibria):
         """(...) energy that friction dissipated in the step since the history, at walls and in holes [N·mm]."""
         walled = self.walled
         problem = walled.among.problem
-        assert problem is not None
+        assert isinstance(problem, WallProblem)
         work = 0.5 * (walled.contact.normals + problem.before.normals) * walled.contact.works
         return super().dissipated_work + self._shown(walled.rows(work.sum(-1))) * self.ok
 
@@ -265,7 +298,7 @@ class WalledEquilibria(Equilibria):
         return self._shown(self.walled.rows(getattr(self.walled.contact, name)))
 
 
-def state_among(state: ChainState, among: Among | None) -> ChainState:
+def state_among(state: ChainState, among: Among | PinnedWalls | None) -> ChainState:
     """The state, among walls if there are any."""
     if among is None:
         return state

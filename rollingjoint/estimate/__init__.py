@@ -2,6 +2,8 @@
 
 Modules:
     rig: what users call: estimators of rigs, with intervals.
+    contact: the same beside a wall that they may touch.
+    wall: this wall, and histories beside it. contact_kernels: as kernels, beside it.
     simulated: rigs whose truth is known.
     sampling: samples of a normal distribution within a box, compiled.
     hidden: the hidden numbers of an episode, and their distribution before any measurement.
@@ -21,10 +23,12 @@ from rollingjoint.estimate.arm_hidden import LARGEST_TILT, ArmPrior, ArmRanges
 from rollingjoint.estimate.arm_rows import ArmLaw, ArmRows, FollowedArm
 from rollingjoint.estimate.arm_smoother import ArmEffort, ArmSmoother, is_served
 from rollingjoint.estimate.arrays import MeasurementLaw, MotorHistory
+from rollingjoint.estimate.contact import ContactSmoother
 from rollingjoint.estimate.hidden import HiddenLayout, HiddenPrior, HiddenRanges
 from rollingjoint.estimate.rig import Estimated, RigEstimator, RigFilter, RigSensors, RigSmoother, Samples
 from rollingjoint.estimate.simulated import SimulatedRigs, simulated_rigs
 from rollingjoint.estimate.smoother import Effort, Smoothed, Smoother
+from rollingjoint.estimate.wall import Touching, WallRanges
 
 __all__ = [
     "LARGEST_TILT",
@@ -34,6 +38,7 @@ __all__ = [
     "ArmRanges",
     "ArmRows",
     "ArmSmoother",
+    "ContactSmoother",
     "Effort",
     "Estimated",
     "FollowedArm",
@@ -50,6 +55,8 @@ __all__ = [
     "SimulatedRigs",
     "Smoothed",
     "Smoother",
+    "Touching",
+    "WallRanges",
     "is_served",
     "simulated_rigs",
 ]  # fmt: skip

@@ -287,15 +287,21 @@ class FollowedArm:
     def _batch(self, rows: ArmRows, laws: TendonLaw, starts: Array, pays: float) -> Any:
         """The batch of rows, with room for its results; `pays`: 1 where the payload acts, else 0."""
         arm, at, R = self.arm, self.prior.layout, len(rows.steps)
-        tables = np.repeat(self._table[None], R, axis=0)
-        sizes = np.concatenate([self._weights(rows), pays * rows.numbers[:, at.payload, None]], axis=1)
-        tables[:, :, _FORCE : _FORCE + 3] = sizes[:, :, None] * self._gravity(rows)[:, None]
+        tables = self.load_tables(rows.numbers, pays)
         springs = arm.arrays.springs * rows.numbers[:, at.hinges : at.weights]
         stack = arm.arrays._asdict()
         stack |= {name: np.repeat(each, R, axis=0) for name, each in stack.items() if name not in _OF_ALL}
         chain = type(arm.arrays)(**(stack | {"springs": springs}))
         results = arm.kernels.new_results(R, arm.n_joints, arm.n_tendons)
         return arm.kernels.batch_arrays(chain, np.arange(R), laws, tables, starts.copy(), results)
+
+    def load_tables(self, numbers: Array, pays: float = 1.0) -> Array:
+        """Weights and payload of hidden numbers (R, K) as loads, (R, J + 1, columns); `pays` as of `_batch`."""
+        at = self.prior.layout
+        tables = np.repeat(self._table[None], len(numbers), axis=0)
+        sizes = np.concatenate([self._weights(numbers), pays * numbers[:, at.payload, None]], axis=1)
+        tables[:, :, _FORCE : _FORCE + 3] = sizes[:, :, None] * self._gravity(numbers)[:, None]
+        return tables
 
     def _friction(self, rows: ArmRows) -> Any:
         at, R, n_joints = self.prior.layout, len(rows.steps), self.arm.n_joints
@@ -377,7 +383,8 @@ class FollowedArm:
         """Torques by hidden numbers of gravity, payload, hinges and weights, (R, J, K) [N·mm per unit]."""
         arm, at, poses = self.arm, self.prior.layout, solved.batch.results.poses
         R, J = len(rows.steps), arm.n_joints
-        gravity, weights, payload = self._gravity(rows), self._weights(rows), pays * rows.numbers[:, at.payload]
+        gravity, weights = self._gravity(rows.numbers), self._weights(rows.numbers)
+        payload = pays * rows.numbers[:, at.payload]
         rotations, origins = poses[:, :, :3, :3], poses[:, :, :3, 3]
         pivots = pivots_of(arm.kernels, solved.batch.results)
         axes = (rotations[:, :-1] @ arm.arrays.axes[0][:, :, None])[..., 0]
@@ -399,14 +406,14 @@ class FollowedArm:
         causes[:, each, at.hinges + each] = -arm.arrays.springs[0] * (angles - arm.arrays.joints[0, :, 2])
         return causes
 
-    def _gravity(self, rows: ArmRows) -> Array:
+    def _gravity(self, numbers: Array) -> Array:
         """Directions, (R, 3)."""
-        across = rows.numbers[:, :2]
+        across = numbers[:, :2]
         return np.concatenate([across, np.sqrt(1.0 - (across**2).sum(axis=1, keepdims=True))], axis=1)
 
-    def _weights(self, rows: ArmRows) -> Array:
+    def _weights(self, numbers: Array) -> Array:
         at = self.prior.layout
-        values: Array = self.arm.weights * rows.numbers[:, at.weights : at.total]
+        values: Array = self.arm.weights * numbers[:, at.weights : at.total]
         return values
 
     def _take_tensions(self, rows: ArmRows, motors: Array, shifts: Array, measured: Array) -> None:

@@ -89,6 +89,15 @@ class ArmSmoother:
         return self.history.counts
 
     @property
+    def joint_angles(self) -> Array:
+        """Where the history was last followed, (N, J) [rad]."""
+        return self._rows.angles
+
+    def load_tables(self, numbers: Array) -> Array:
+        """The loads of hidden numbers (N, K): weights and payload along gravity, (N, J + 1, columns)."""
+        return self._followed.load_tables(numbers)
+
+    @property
     def trusted_from(self) -> int:
         """Measured steps from which on a misfit tells that the fit has failed."""
         return self.effort.trusted_from

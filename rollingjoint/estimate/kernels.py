@@ -58,12 +58,13 @@ def advance(model, history, track, batch, solver, pins, pending):
     """
     model, history, track, batch = borrow(model), borrow(history), borrow(track), borrow(batch)
     n_joints, m, K = track.angles.shape[1], track.played.shape[1], track.slope.shape[1]
-    scratch = _new_scratch(model, n_joints, m, K)
+    scratch = new_scratch(model, n_joints, m, K)
     return _follow(model, history, track, batch, scratch, solver, pins, pending)
 
 
 @part
-def _new_scratch(model, n_joints, m, K):
+def new_scratch(model, n_joints, m, K):
+    """Room for the derivatives of one row."""
     n_rates = model.tables.values.shape[2] if model.at.surfaces < K else 0
     n_causes = 2 + m + K - model.at.surfaces
     return Scratch(
@@ -88,7 +89,7 @@ def _follow(model, history, track, batch, scratch, solver, pins, pending):
             going = 0
             for row in range(n_rows):
                 if track.steps[row] < history.counts[track.episodes[row]]:
-                    _prepare(model, history, track, batch, row)
+                    prepare(model, history, track, batch, row)
                     going += 1
             if going == 0:
                 return 0
@@ -109,7 +110,7 @@ def _follow(model, history, track, batch, scratch, solver, pins, pending):
 
 
 @part(inline=True)
-def _prepare(model, history, track, batch, row):
+def prepare(model, history, track, batch, row):
     """Move the tendons of a row on by a step; fill its commands, loads and start."""
     at, numbers, step, episode = model.at, track.numbers[row], track.steps[row], track.episodes[row]
     if track.forces.shape[1] > 0:
@@ -202,9 +203,9 @@ def _take_in(model, chain, history, track, batch, scratch, row):
     fill_rates(model, track, batch, scratch, row)
     if track.steps[row] == 0:
         _take_start(model, track, scratch, row)
-    _take_tensions(model, history, track, scratch, row)
+    take_tensions(model, history, track, scratch, row)
     if history.pictures.shape[2] > 0:
-        _take_picture(model, history, track, batch, scratch, row)
+        take_picture(model, history, track, batch, scratch, row)
     return True
 
 
@@ -253,7 +254,7 @@ def _take_start(model, track, scratch, row):
 
 
 @part(inline=True)
-def _take_tensions(model, history, track, scratch, row):
+def take_tensions(model, history, track, scratch, row):
     """Take the measured tensions of a step in, and that a motor which gives way is at its limit."""
     law, at, numbers, column = model.law, model.at, track.numbers[row], scratch.column
     episode, step = track.episodes[row], track.steps[row]
@@ -289,7 +290,7 @@ def _take_tensions(model, history, track, scratch, row):
 
 
 @part(inline=True)
-def _take_picture(model, history, track, batch, scratch, row):
+def take_picture(model, history, track, batch, scratch, row):
     """Take a picture of a step in, if there is one: place and angle of every moving link."""
     law, at, numbers, column = model.law, model.at, track.numbers[row], scratch.column
     episode, step, state, turns = track.episodes[row], track.steps[row], scratch.state, scratch.causes

@@ -27,13 +27,14 @@ from rollingjoint.estimate.equations import propose
 from rollingjoint.estimate.hidden import HiddenPrior, HiddenRanges
 from rollingjoint.estimate.sampling import sample_in_boxes
 from rollingjoint.estimate.smoother import Effort, Smoother
+from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.load import LOAD_COLUMNS, link_index
 
 Array = NDArray[np.float64]
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 _HIGHEST = 1e6  # N
-_VAGUE = 0.05  # share of a prior's information that stays where it is uniform: density at its ends 0.93 of the middle's
+VAGUE = 0.05  # share of a prior's information that stays where it is uniform: density at its ends 0.93 of the middle's
 _SAME = 0.3  # standard deviations of the estimate: fits that are nearer in every number are one
 _UNLIKELY = 1e-3  # of the weight of the best fit: others are left out
 _START_TENSION = 3.0  # N: about which lengths of displaced surfaces are linear, where no start is known
@@ -204,7 +205,7 @@ class RigEstimator(ABC):
         return array.reshape(self._count, *shape)
 
     def _forget(self) -> None:
-        for name in ("samples", "poses"):
+        for name in ("samples", "poses", "_equilibria"):
             self.__dict__.pop(name, None)
 
     @abstractmethod
@@ -275,10 +276,15 @@ class RigEstimator(ABC):
     @cached_property
     def poses(self) -> Array:
         """Of all links in the sampled states, (N, S, n, 3) [mm, rad]: their equilibria."""
-        return np.stack([self._poses_of(Samples(*(part[rig] for part in self.samples))) for rig in range(self._count)])
+        return np.stack([equilibria.poses for equilibria in self._equilibria])
 
-    def _poses_of(self, samples: Samples) -> Array:
-        """Poses of all links of one rig, (S, n, 3)."""
+    @cached_property
+    def _equilibria(self) -> list[Any]:
+        """The equilibria of the sampled states, a batch for every rig."""
+        return [self._solved(Samples(*(part[rig] for part in self.samples))) for rig in range(self._count)]
+
+    def _solved(self, samples: Samples) -> Any:
+        """The equilibria of the states of one rig, S rows."""
         numbers, at, chain = samples.numbers, self.prior.layout, self.mechanism
         R, m = samples.played.shape
         commands = samples.played + numbers[:, at.offsets : at.stiffnesses]
@@ -286,15 +292,23 @@ class RigEstimator(ABC):
         laws = TendonLaw(commands, stiff, np.zeros((R, m)), np.full((R, m), _HIGHEST))
         loads = np.zeros((R, 1, len(LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = samples.links, numbers[:, :2]
-        arrays, designs = chain.arrays, np.zeros(R, np.int64)
-        if at.surfaces < at.total:
-            each = numbers[:, at.surfaces :].reshape(R, chain.n_joints, 2, 3)
-            surfaces = np.zeros((R, chain.n_links, 2, 3))
-            surfaces[:, :-1, 1], surfaces[:, 1:, 0] = each[:, :, 0], each[:, :, 1]
-            varied = ChainVariations(chain, surfaces, np.ones((R, m)))
-            arrays, designs = varied.arrays, varied.designs
-        starts = np.array(samples.angles, order="C")
-        return np.asarray(solve_batch(type(chain), chain, arrays, designs, laws, loads, starts).poses)
+        starts, shapes = np.array(samples.angles, order="C"), self._shapes(numbers)
+        return solve_batch(type(chain), chain, *shapes, laws, loads, starts, self._walls(numbers))
+
+    def _shapes(self, numbers: Array) -> tuple[Any, NDArray[np.int64]]:
+        """Arrays of the chains of hidden numbers (R, K), and the index of each in them."""
+        at, chain, R = self.prior.layout, self.mechanism, len(numbers)
+        if at.surfaces == at.total:
+            return chain.arrays, np.zeros(R, np.int64)
+        each = numbers[:, at.surfaces :].reshape(R, chain.n_joints, 2, 3)
+        surfaces = np.zeros((R, chain.n_links, 2, 3))
+        surfaces[:, :-1, 1], surfaces[:, 1:, 0] = each[:, :, 0], each[:, :, 1]
+        varied = ChainVariations(chain, surfaces, np.ones((R, chain.n_tendons)))
+        return varied.arrays, varied.designs
+
+    def _walls(self, numbers: Array) -> WallArrays | None:
+        """What is around the chain in states (R, K); None: nothing."""
+        return None
 
     def _part(self, first: str, last: str) -> Array:
         at = self.prior.layout
@@ -391,7 +405,7 @@ def _moved(filters: Track, prior: HiddenPrior, numbers: Array) -> Track:
     at, moved = prior.layout, Track._make(values.copy() for values in filters)
     change = numbers - filters.numbers
     units = np.divide(change, prior.sds, out=np.zeros_like(change), where=prior.sds > 0.0)
-    pulled = np.einsum("rij,rj->ri", _whole(filters.information), units)
+    pulled = np.einsum("rij,rj->ri", whole(filters.information), units)
     moved.cost[:] += np.sum(units * (0.5 * pulled - filters.slope), axis=1)
     moved.slope[:] -= pulled
     moved.played[:] += filters.by_width * change[:, at.half_widths : at.frictions]
@@ -402,7 +416,7 @@ def _moved(filters: Track, prior: HiddenPrior, numbers: Array) -> Track:
     return moved
 
 
-def _whole(lower: Array) -> Array:
+def whole(lower: Array) -> Array:
     """Symmetric matrices from their lower triangles, (R, K, K)."""
     triangle = np.tril(lower, -1)
     return np.tril(lower) + np.swapaxes(triangle, 1, 2)
@@ -416,17 +430,17 @@ def _sampled(followed: Any, prior: HiddenPrior, fits: Track, rigs: int, count: i
     at, rng = prior.layout, np.random.default_rng(seed)
     known = prior.sds == 0.0
     free = np.flatnonzero(~known)
-    sds, uniform = prior.sds[free], np.where(free < 2, 0.0, 1.0 - _VAGUE)
+    sds, uniform = prior.sds[free], np.where(free < 2, 0.0, 1.0 - VAGUE)
     measured, eye = fits.steps[:, None] > 0, np.eye(len(free))
     deviations = (prior.means - fits.numbers)[:, free] / sds
-    information = np.where(measured[..., None], _whole(fits.information)[:, free[:, None], free], eye)
+    information = np.where(measured[..., None], whole(fits.information)[:, free[:, None], free], eye)
     precisions = information - uniform * eye
     slopes = np.where(measured, fits.slope[:, free], deviations) - uniform * deviations
     peaks = np.linalg.solve(precisions, slopes[..., None])[..., 0]
     spreads = np.sqrt(np.einsum("rii->ri", np.linalg.inv(information)))
     costs = np.where(measured[:, 0], followed.unlikely(fits), 0.0)
     weights = _weights(costs, fits, spreads * sds, free, rigs)
-    rows = np.concatenate([_drawn(weights[rig], count, rng) + rig * weights.shape[1] for rig in range(rigs)])
+    rows = np.concatenate([resampled(weights[rig], count, rng) + rig * weights.shape[1] for rig in range(rigs)])
     used = np.unique(rows)
     most = np.bincount(rows).max()
     low, high = prior.low[free] / sds, prior.high[free] / sds
@@ -461,7 +475,7 @@ def _weights(unlikely: Array, fits: Track, spreads: Array, free: NDArray[np.int6
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _drawn(weights: Array, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+def resampled(weights: Array, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """`count` indices in order, each as often as its weight says: systematic resampling."""
     places = (np.arange(count) + rng.uniform()) / count
     return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)

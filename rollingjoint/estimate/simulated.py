@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,9 @@ from rollingjoint.compiled import TendonLaw
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate.hidden import HiddenRanges
 from rollingjoint.estimate.rig import RigSensors
+from rollingjoint.estimate.wall import N_WALL, Touching, WallAround, WallRanges
 from rollingjoint.load import LOAD_COLUMNS, link_index
+from rollingjoint.surroundings import Outline
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
 
 Array = NDArray[np.float64]
@@ -35,6 +38,7 @@ class SimulatedRigs:
         offsets: (N, m) [mm]. stiffnesses: (N, m) [N/mm]. play: widths, (N, m) [mm]. friction: (N, m).
         poses: of all links, (T, N, n, 3) [mm, rad].
         usable: whether all equilibria were found, (N,).
+        walls: the numbers of their walls, (N, 3), or (N, 0) without. touching: how these press in the last step.
     """
 
     positions: Array
@@ -48,6 +52,8 @@ class SimulatedRigs:
     friction: Array
     poses: Array
     usable: NDArray[np.bool_]
+    walls: Array
+    touching: Touching | None = None
 
 
 def simulated_rigs(
@@ -58,6 +64,8 @@ def simulated_rigs(
     links: Sequence[int] = (-1,),
     rigs: int = 1,
     seed: int = 0,
+    wall: WallRanges | None = None,
+    outline: Outline | None = None,
 ) -> SimulatedRigs:
     """Rigs with hidden numbers drawn uniformly from their ranges, forces of any direction.
 
@@ -65,7 +73,8 @@ def simulated_rigs(
         mechanism: the nominal chain, without friction of its own.
         path: of the motors from where they were set, (T, m) [mm], zeros first; negative pulls in.
         ranges: of what hides. sensors: with a start tension, by which motors are set before the load acts.
-        links: of which one is loaded. rigs: N. seed: of all draws.
+        links: of which one is loaded. rigs: N. seed: of all draws. wall: ranges of a wall that is there once motors are
+            set; None: there is none. outline: with which links touch it, as of ContactSmoother.
     Raises:
         InvalidInput: a path of another shape, or that begins elsewhere; no start tension.
     """
@@ -91,16 +100,20 @@ def simulated_rigs(
         forces = _clipped(rng.normal(0.0, 0.5 * ranges.force[1], (count, 2)), ranges.force[1])
     loaded = rng.choice([link_index(link, mechanism.n_links) for link in links], count)
     usable, starts = np.ones(count, bool), varied.neutral_angles
+    around, walls = WallAround(mechanism, outline), np.zeros((count, 0))
+    if wall is not None:
+        walls = rng.uniform(*wall.ends, (count, N_WALL))
 
-    def solved(command: Array, low: Array, high: Array, force: Array) -> tuple[Array, Array, Array]:
-        """Tensions, lengths and poses; the next solve begins where this one ends."""
+    def solved(command: Array, low: Array, high: Array, force: Array, walled: bool) -> Any:
+        """The equilibria; the next solve begins where they are."""
         nonlocal starts, usable
         loads = np.zeros((count, 1, len(LOAD_COLUMNS)))
         loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = loaded, force
         law = TendonLaw(*map(np.ascontiguousarray, (command, stiff, low, high)))
-        each = solve_batch(type(mechanism), mechanism, varied.arrays, varied.designs, law, loads, starts.copy())
+        shapes, beside = (varied.arrays, varied.designs), around.arrays(walls) if walled else None
+        each = solve_batch(type(mechanism), mechanism, *shapes, law, loads, starts.copy(), beside)
         starts, usable = each.joint_angles, usable & np.asarray(each.ok)
-        return each.tensions, each.lengths, each.poses
+        return each
 
     def shown(tension: Array, tendons: Array, motors: Array) -> Array:
         """What load cells show."""
@@ -111,8 +124,7 @@ def simulated_rigs(
     behind = -2.0 * places * half
     ratio = 1.0 if sensors.at_tendons else sheath_ratio(friction, sheath_direction(behind, np.zeros(shape), half))
     tension = (sensors.start_tension + sensors.start_sd * rng.standard_normal(shape) - zeros) / (gains * ratio)
-    _, lengths, _ = solved(np.zeros(shape), tension, tension, np.zeros((count, 2)))
-    tendons = lengths - tension / stiff - offsets
+    tendons = solved(np.zeros(shape), tension, tension, np.zeros((count, 2)), False).lengths - tension / stiff - offsets
     first, motors = tendons - behind, tendons - behind
     positions, tensions, pictures, poses = list[Array](), list[Array](), list[Array](), list[Array]()
     memory, walk = sensors.memory, 0.5 * ranges.force[1] * np.sqrt(1.0 - sensors.memory**2)
@@ -121,15 +133,16 @@ def simulated_rigs(
             forces = _clipped(memory * forces + walk * rng.standard_normal((count, 2)), ranges.force[1])
         positions.append(first + place)
         tendons, motors = play_step(tendons, positions[-1], half), positions[-1]
-        tension, _, pose = solved(tendons + offsets, np.zeros(shape), np.full(shape, _HIGHEST), forces)
-        truth = shown(tension, tendons, motors)
+        now = solved(tendons + offsets, np.zeros(shape), np.full(shape, _HIGHEST), forces, wall is not None)
+        truth = shown(now.tensions, tendons, motors)
         spread = np.hypot(sensors.tension_sd, sensors.tension_share * truth)
         tensions.append(truth + spread * rng.standard_normal(shape))
         noise = rng.standard_normal((count, J, 3)) * [*[sensors.position_sd_mm] * 2, sensors.angle_sd]
-        pictures.append(pose[:, 1:] + noise)
-        poses.append(pose)
-    hidden = forces, loaded, offsets, stiff, play, friction
-    return SimulatedRigs(np.array(positions), np.array(tensions), np.array(pictures), *hidden, np.array(poses), usable)
+        pictures.append(now.poses[:, 1:] + noise)
+        poses.append(now.poses)
+    hidden = forces, loaded, offsets, stiff, play, friction, np.array(poses), usable, walls
+    touching = None if wall is None else around.touching(now)
+    return SimulatedRigs(np.array(positions), np.array(tensions), np.array(pictures), *hidden, touching)
 
 
 def _clipped(forces: Array, largest: float) -> Array:

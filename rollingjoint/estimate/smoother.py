@@ -292,7 +292,7 @@ class Smoother:
         self.place_at_start(numbers, episodes)
         which = episodes, np.tile(links, len(rows)), np.tile(priors, len(rows)), numbers
         coarse = self._coarse.followed(self.history, *which, self.track.forces[episodes])
-        self._fit(self._coarse, coarse, effort.rounds)
+        self.fit(self._coarse, coarse, effort.rounds)
         costs = self._coarse.unlikely(coarse).reshape(len(rows) * len(groups), -1)
         order = costs.argsort(axis=1)[:, : effort.kept]
         best = (np.arange(len(costs))[:, None] * costs.shape[1] + order).ravel()
@@ -300,7 +300,7 @@ class Smoother:
         numbers[:, : starts.shape[1]] = coarse.numbers[best]
         starts_again = coarse.episodes[best], coarse.links[best], coarse.priors[best], numbers, coarse.forces[best]
         fine = self.fine.followed(self.history, *starts_again)
-        self._fit(self.fine, fine, 1 + effort.passes)
+        self.fit(self.fine, fine, 1 + effort.passes)
         return fine
 
     def place_at_start(self, numbers: Array, episodes: Integers) -> None:
@@ -321,7 +321,7 @@ class Smoother:
             rest = ahead - numbers[:, at.places : at.places + m] * widths
             numbers[:, offsets] = np.clip(-rest, *(bound[0, offsets] for bound in priors))
 
-    def _fit(self, followed: FollowedChain, track: Track, rounds: int) -> None:
+    def fit(self, followed: FollowedChain, track: Track, rounds: int) -> None:
         """Levenberg-Marquardt steps of all rows, in place."""
         damping = np.full(len(track.steps), _FIRST)
         for _ in range(rounds):

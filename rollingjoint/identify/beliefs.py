@@ -62,7 +62,7 @@ RIG_KINDS = {
         "displacement (x, y, turn) of contact surfaces",
         "mm, rad",
         0.0,
-        Belief(0.0, (0.1, 0.1, 0.01), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
+        Belief(0.0, (0.15, 0.15, 0.015), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
         "surface",
         _PLANAR,
     ),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rollingjoint.camera.photographs import Photographs, photographs_from_dict, read_picture
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checked_yaml import entries, located, mapping, number, numbered, numbers, point, read_yaml, text
 from rollingjoint.checks import as_boolean, as_choice, as_integer
@@ -16,8 +17,11 @@ from rollingjoint.identify.measurements import GIVEN, METHODS, QUANTITIES, Input
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_from_dict
 from rollingjoint.load import WorldForce
 
-KEYS = ("about", "source", "mechanism", "given", "method", "tension_limits", "deviations", "absolute", "runs")
-STEP_KEYS = ("tensions", "lengths", "approach", "poses", "positions", "tip", "forces", "weight")
+KEYS = (
+    "about", "source", "mechanism", "given", "method", "tension_limits", "deviations", "absolute", "camera", "runs"
+)  # fmt: skip
+SHAPES = ("poses", "positions", "tip", "photograph")
+STEP_KEYS = ("tensions", "lengths", "approach", *SHAPES, "forces", "weight")
 
 
 def load_measurements(path: str | Path) -> Measurements:
@@ -57,10 +61,31 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
         deviations = mapping(f"{source}: deviations", top["deviations"], tuple(QUANTITIES))
         options["deviations"] = {key: number(f"{source}: deviations.{key}", value) for key, value in deviations.items()}
     options |= {key: text(f"{source}: {key}", top[key]) for key in ("about", "source") if key in top}
+    if "camera" in top:
+        camera = photographs_from_dict(f"{source}: camera", top["camera"], mechanism, folder)
+        runs = {name: _with_photographs(f"{source}: runs.{name}", run, camera, folder) for name, run in runs.items()}
     with located(source):
         return Measurements(
             mechanism, [_run(source, str(name), steps, mechanism) for name, steps in runs.items()], **options
         )
+
+
+def _with_photographs(where: str, steps: object, camera: Photographs, folder: Path) -> list[Any]:
+    """Steps with the poses of their photographs in place of these."""
+    seen: list[Any] = []
+    for place, step in numbered(where, steps):
+        if not isinstance(step, Mapping) or "photograph" not in step:
+            seen.append(step)
+            continue
+        if other := [key for key in SHAPES if key in step and key != "photograph"]:
+            raise ConfigError(place, ["photograph", *other], "one of poses, positions, tip and photograph")
+        poses = camera.poses(read_picture(folder / text(f"{place}.photograph", step["photograph"])))
+        if not np.isfinite(poses[1:]).any():
+            hint = "Are there three balls on every link, as camera.balls has them, and nothing else that is round?"
+            raise ConfigError(f"{place}.photograph", step["photograph"], "a picture in which links are seen", hint)
+        rows = [row.tolist() if np.isfinite(row).all() else None for row in poses]
+        seen.append({key: value for key, value in step.items() if key != "photograph"} | {"poses": rows})
+    return seen
 
 
 def _mechanism(where: str, value: object, folder: Path) -> AnyChain:
@@ -92,11 +117,14 @@ def _step(where: str, content: object, mechanism: AnyChain) -> Step:
 
 def _shape(where: str, step: Mapping[str, Any], mechanism: AnyChain) -> dict[str, Any]:
     """Positions and angles of a step, from its poses, positions or tip."""
-    present = [key for key in ("poses", "positions", "tip") if key in step]
+    present = [key for key in SHAPES if key in step]
     if len(present) > 1:
-        raise ConfigError(where, present, "one of poses, positions and tip")
+        raise ConfigError(where, present, "one of poses, positions, tip and photograph")
     if not present:
         return {}
+    if present == ["photograph"]:
+        allowed = "photographs in a file with the key 'camera'"
+        raise ConfigError(f"{where}.photograph", step["photograph"], allowed, "docs/rig.md#photographs has one.")
     dimension, n = mechanism.dimension, mechanism.n_links
     if present == ["tip"]:
         return {

@@ -36,10 +36,10 @@ GRID = {"play": (0.75, 1.5, 3.0, 4.5, 6.0), "sheath": (0.1, 0.4, 0.8), "offsets"
 """Where the search may begin: play [mm] and sheath friction of all tendons, and what is added to their offsets [mm]."""
 MOST_STARTS = 4
 LOST = 10.0  # standard deviations: the residual where the model has no equilibrium
-REACH, FINE_REACH = 0.05, 1e-4  # of differences in the search and at its end, in standard deviations of the beliefs
+REACH, FINE_REACH = 0.05, 1e-5  # of differences in the search and at its end, in standard deviations of the beliefs
 DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
 _FAR = 3.0  # standard deviations: readings beyond count less
-_POOR = 3.0  # standard deviations of the first fit that are left: another start is tried
+_POOR = 1.0  # standard deviations of the first fit that are left: another start is tried
 _ENOUGH = 1e-6  # change of the cost at which the search ends, as a share of it
 _NORMAL = 1.4826  # standard deviation over median of the size, of a normal distribution
 _SURE = 1.96  # standard deviations: half a 95 % interval
@@ -155,7 +155,7 @@ def identify_rig(
     if not misfit.solvable(start):
         raise SolverError("no equilibrium of the model along the recorded motor positions: check units and signs")
     misfit.learn_deviations(start)
-    start = misfit.fitted(start, max(evaluations // 3, 1), say)
+    start = misfit.fitted(start, max(evaluations // 2, 1), say, FINE_REACH)
     misfit.learn_deviations(start)
     covariance = misfit.covariance(start) * np.outer(space.sd, space.sd)
     begin = np.asarray(recording.runs[0].motors[0])
@@ -246,7 +246,7 @@ class Misfit:
         """The most likely rig: from the best point of the grid, and from the next ones while much is left."""
         fits: list[Array] = []
         for start in self.starts()[:MOST_STARTS]:
-            fits.append(self.fitted(start, evaluations, say))
+            fits.append(self.fitted(self.with_own_drives(start), evaluations, say))
             if self.rms(fits[-1]) < _POOR:
                 return fits[-1]
         return min(fits, key=self.rms)
@@ -255,6 +255,19 @@ class Misfit:
         """Points of a grid over play, sheath friction and tautness, the best first: there are several minima."""
         points = self._grid()
         return [points[place] for place in np.argsort(self._costs(points), kind="stable")]
+
+    def with_own_drives(self, start: Array) -> Array:
+        """A start in which every tendon in turn has the play and sheath friction of the grid that fit best."""
+        names, space = [name for name in ("play", "sheath") if name in self.space.kinds], self.space
+        for tendon in range(space.mechanism.n_tendons if names else 0):
+            points = [start]
+            for values in product(*(GRID[name] for name in names)):
+                vector = space.mean + start * space.sd
+                for name, value in zip(names, values, strict=True):
+                    vector[space.place(name).start + tendon] = value
+                points.append((np.clip(vector, space.low, space.high) - space.mean) / space.sd)
+            start = points[int(np.argmin(self._costs(points)))]
+        return start
 
     def least_cost(self) -> float:
         """Cost of the best point of the grid."""
@@ -281,7 +294,7 @@ class Misfit:
         """Of the numbers, scaled, (P, P): of the linearised problem.
 
         Its differences are much smaller than in the search: readings have kinks where motors turn or give way, and
-        where surfaces and offsets explain the same, large differences would count kinks as information.
+        where surfaces and offsets explain the same, one kink within the reach of a difference counts as information.
         """
         jacobian = self.derivatives(scaled, FINE_REACH)
         return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
@@ -297,13 +310,13 @@ class Misfit:
         jacobian[:, places] = ((rows[1:] - rows[0]) / shifts[:, None]).T
         return jacobian
 
-    def fitted(self, start: Array, evaluations: int, say: Callable[[], object]) -> Array:
-        """The most likely rig near a start."""
+    def fitted(self, start: Array, evaluations: int, say: Callable[[], object], reach: float = REACH) -> Array:
+        """The most likely rig near a start; reach: of differences."""
         from scipy.optimize import least_squares
 
         def derivatives(scaled: Array) -> Array:
             say()
-            return self.derivatives(scaled)
+            return self.derivatives(scaled, reach)
 
         space = self.space
         low, high = ((end - space.mean) / space.sd for end in (space.low, space.high))

@@ -89,12 +89,17 @@ class RigModel:
         chains = self._chains(vectors)
         if self._limited:
             return self._step_by_step(chains, motors, half, sheath, offsets)
-        tendons, p = np.empty(motors.shape), motors[:, :, 0]
-        for step in range(motors.shape[2]):
-            tendons[:, :, step] = p = play_step(p, motors[:, :, step], half)
+        tendons = _through_play(motors, half)
         solve = self._in_parts if self._rubs else self._all_at_once
         tensions, tips, ok = solve(chains, tendons + offsets[:, :, None])
         return self._read(tensions, tips, ok, motors, tendons, half, sheath)
+
+    def lengths(self, vectors: Array) -> Array:
+        """Unstretched lengths of the tendons behind the play, for rigs without limits, (K, E, T, m) [mm]."""
+        half, offsets = (
+            np.stack([self.space.value(vector, name) for vector in vectors])[:, None] for name in ("play", "offsets")
+        )
+        return _through_play(self._moved_motors(vectors), 0.5 * half) + offsets[:, :, None]
 
     def _chains(self, vectors: Array) -> list[Any]:
         """The mechanism of every rig; equal ones are the same object."""
@@ -184,6 +189,14 @@ class RigModel:
     ) -> RigPrediction:
         place = sheath_direction(tendons, motors, half[:, :, None])
         return RigPrediction(tensions * sheath_ratio(sheath[:, :, None], place), tips, ok)
+
+
+def _through_play(motors: Array, half: Array) -> Array:
+    """Tendons behind plays of half widths (K, 1, m) where motors go along (K, E, T, m) [mm]."""
+    tendons, p = np.empty(motors.shape), motors[:, :, 0]
+    for step in range(motors.shape[2]):
+        tendons[:, :, step] = p = play_step(p, motors[:, :, step], half)
+    return tendons
 
 
 def _remembered(solved: Any, angles: Array | None, history: Any) -> tuple[Array, Any]:

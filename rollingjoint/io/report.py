@@ -78,7 +78,8 @@ def _wall_table(equilibrium: Solution) -> list[str]:
     """Contacts with walls as aligned columns, and the insertion force; empty without surroundings."""
     if equilibrium.walls is None:
         return []
-    head = ("link", "wall", "x [mm]", "y [mm]", "gap [mm]", "normal [N]", "friction [N]", "state")
+    axes = "xyz"[: equilibrium.mechanism.dimension]
+    head = ("link", "wall", *(f"{axis} [mm]" for axis in axes), "gap [mm]", "normal [N]", "friction [N]", "state")
     rows = [
         [str(touch.link), _wall(touch)]
         + [fixed(value, 4) for value in (*touch.place, touch.gap, touch.force, touch.friction)]

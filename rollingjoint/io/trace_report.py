@@ -17,6 +17,9 @@ from rollingjoint.tables import csv_text, fixed, text_table
 
 Array = NDArray[np.float64]
 
+SPATIAL_BASE = (*(f"base_{axis}_mm" for axis in "xyz"), *(f"base_turn_{axis}_rad" for axis in "xyz"))
+"""Columns of the pose of a base in space, with a rotation vector."""
+
 
 @dataclass(frozen=True, eq=False)
 class TracedPath:
@@ -24,8 +27,8 @@ class TracedPath:
 
     Args:
         path: the equilibria, a leading axis K on their arrays; the first is a step without friction.
-        given: "lengths" or "tensions". inputs: (K, m). bases: (K, 3) poses of the base among walls; None: no walls.
-        feeds: (K,) way of the base along its y axis, where that is what was given [mm].
+        given: "lengths" or "tensions". inputs: (K, m). bases: (K, 3 or 6) poses of the base; None: no walls.
+        feeds: (K,) way of the base along its y axis, in space its z axis, where that is what was given [mm].
     """
 
     path: Any
@@ -59,7 +62,7 @@ class TracedPath:
         path, (name, unit) = self.path, UNITS[self.given]
         columns = {f"{name}_{j}_{unit}": values for j, values in enumerate(self.inputs.T)}
         if self.bases is not None:
-            columns |= dict(zip(BASE, self.bases.T, strict=True))
+            columns |= dict(zip(BASE if self.bases.shape[1] == 3 else SPATIAL_BASE, self.bases.T, strict=True))
         axes = "xyz"[: path.tip.shape[1]]
         columns |= {f"tip_{axis}_mm": values for axis, values in zip(axes, path.tip.T, strict=True)}
         if self.given != "tensions":
@@ -85,8 +88,11 @@ class TracedPath:
             "insertion_force_N": self.path.insertion_force,
             "jumped": np.asarray(self.path.jumped, int),
         }
+        names: tuple[str, ...] = ("x_N", "y_N", "moment_N_mm")
+        if forces.shape[2] == 6:
+            names = (*(f"{axis}_N" for axis in "xyz"), *(f"moment_{axis}_N_mm" for axis in "xyz"))
         for link in range(1, forces.shape[1]):
-            for name, values in zip(("x_N", "y_N", "moment_N_mm"), forces[:, link].T, strict=True):
+            for name, values in zip(names, forces[:, link].T, strict=True):
                 columns[f"wall_force_{link}_{name}"] = values
         return columns
 

@@ -25,7 +25,8 @@ Modules:
     long_lu: Newton steps in O(n) with friction.
     lumens: points in lumens: pieces of the centre line, gaps and ways.
     newton: Newton's method with a line search.
-    passing: whether a chain has passed through a wall.
+    passing: whether a planar chain has passed through a wall.
+    passing_in_space: whether a chain in space has passed through a wall.
     planar_loads: loads in the plane: energy, sums, stiffness.
     rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
     rolling_lanes: planar chains in lanes, without and with friction.
@@ -37,6 +38,9 @@ Modules:
     settle: one equilibrium from one start, with fallbacks.
     spatial_lanes: lanes of chains in space: all that arms and chains with contacts share.
     spatial_loads: loads in space: energy, sums, stiffness, and the residual.
+    spatial_wall_contacts: contact of an outline with walls in space, its energy and its sums.
+    spatial_walled_chain: a chain in space among walls.
+    spatial_walls: arrays of walls and outlines in space, and walls as seen from the base.
     tendons: tensions and their energy from the lengths, and the balance at a joint.
     torsion_springs: springs between two links, in the plane and in space.
     turns: turns of tendons at their holes, and the forces that press links together.

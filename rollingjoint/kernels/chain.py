@@ -96,6 +96,7 @@ def register(kind: type, own: Sequence[Any] = ()) -> None:
         (formulas.overshoots, unlimited),
         (formulas.soften, no_friction_outside),
         (formulas.is_among_walls, no_walls),
+        (formulas.rubs_at_walls, no_walls),
         (formulas.reconsider, reclassified),
     ):
         if generic not in own:

@@ -139,7 +139,7 @@ def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: A
 
 
 def generator_columns(chain: Any, loads: Any) -> Any:
-    """Number of columns of a Sweep for the loads; chains in the plane."""
+    """Number of columns of a Sweep for the loads."""
     raise TypeError("generator_columns is compiled into kernels")
 
 
@@ -186,6 +186,91 @@ def soften(chain: Any, softness: Any) -> None:
 def is_among_walls(chain: Any) -> Any:
     """Whether there are walls around the chain."""
     raise TypeError("is_among_walls is compiled into kernels")
+
+
+def rubs_at_walls(chain: Any) -> Any:
+    """Whether walls rub by a law without a potential, as along two directions; chains in space."""
+    raise TypeError("rubs_at_walls is compiled into kernels")
+
+
+def contact_sizes(walls: Any, n_joints: Any) -> Any:
+    """Lengths of the axes of the memory of a solve among a stack of walls."""
+    raise TypeError("contact_sizes is compiled into kernels")
+
+
+def new_contacts(sizes: Any) -> Any:
+    """Empty memory of a solve among walls, of these `contact_sizes`."""
+    raise TypeError("new_contacts is compiled into kernels")
+
+
+def contacts_in(sizes: Any, space: Any) -> Any:
+    """The arrays in the memory of a solve among walls."""
+    raise TypeError("contacts_in is compiled into kernels")
+
+
+def see(walls: Any, which: Any, base: Any, seen: Any) -> None:
+    """Fill the walls as seen from the pose of a base."""
+    raise TypeError("see is compiled into kernels")
+
+
+def walled(place: Any, chain: Any, before: Any) -> Any:
+    """The chain among the walls of a memory; before: what contacts remember."""
+    raise TypeError("walled is compiled into kernels")
+
+
+def touched_of(touched: Any, lane: Any) -> Any:
+    """What the contacts of one lane remember."""
+    raise TypeError("touched_of is compiled into kernels")
+
+
+def valid_memory(touched: Any) -> Any:
+    """Whether what contacts remember are finite numbers."""
+    raise TypeError("valid_memory is compiled into kernels")
+
+
+def forget_ways(touch: Any) -> None:
+    """Forget how far points of a chain are from walls."""
+    raise TypeError("forget_ways is compiled into kernels")
+
+
+def begin_rubbing(touch: Any, rubs: Any) -> None:
+    """Forget friction at walls in the last solve; rubs: 1 with friction in this one, else 0."""
+    raise TypeError("begin_rubbing is compiled into kernels")
+
+
+def touch_walls(chain: Any, state: Any, all_gaps: Any) -> Any:
+    """Fill the contact of every candidate, and the sums of each link; returns (energy, magnitude of its terms)."""
+    raise TypeError("touch_walls is compiled into kernels")
+
+
+def passes(place: Any, state: Any, walls: Any, lane: Any) -> Any:
+    """Whether a chain has passed through a wall on its way from the equilibrium before."""
+    raise TypeError("passes is compiled into kernels")
+
+
+def store_contacts(touch: Any, walls: Any, lane: Any) -> None:
+    """Copy friction states into the outputs of one lane."""
+    raise TypeError("store_contacts is compiled into kernels")
+
+
+def link_forces(touch: Any, state: Any, forces: Any) -> None:
+    """Fill the wall force on every link and its moment about its origin, in the base frame [N, N·mm]."""
+    raise TypeError("link_forces is compiled into kernels")
+
+
+def remember_contact(chain: Any, state: Any, status: Any, after: Any) -> None:
+    """Fill what contacts remember after a step, but for normal forces."""
+    raise TypeError("remember_contact is compiled into kernels")
+
+
+def base_stiffness(chain: Any, state: Any, S: Any) -> None:
+    """Fill d residual / d velocity of the base in its own frame."""
+    raise TypeError("base_stiffness is compiled into kernels")
+
+
+def force_rates(chain: Any, state: Any, rates: Any) -> None:
+    """Fill d force of all walls / d joint angle and d velocity of the base in its own frame."""
+    raise TypeError("force_rates is compiled into kernels")
 
 
 def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:

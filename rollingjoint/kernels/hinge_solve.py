@@ -40,7 +40,8 @@ from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.rubbed_chain import jacobian_in, jacobian_size, rubbed, settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
-from rollingjoint.kernels.spatial_loads import generator_columns, has_potential, load_moment
+from rollingjoint.kernels.spatial_loads import has_potential, load_moment
+from rollingjoint.kernels.spatial_walled_chain import SpatialWalled
 
 STIFFNESSES = (SPRING, TORSION)  # columns of a load table
 _MAX_STAGES = 200
@@ -174,12 +175,12 @@ def stiffness_columns(chain):
     return STIFFNESSES
 
 
-@formula(formulas.solve, Hinges, ContactJoints)
+@formula(formulas.solve, Hinges, ContactJoints, SpatialWalled)
 def solve(chain, law, loads, start, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = has_potential(chain, loads)
     n = long_joints(start.size, conservative)
-    sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
+    sweep = new_sweep(n, formulas.generator_columns(chain, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
     status, count, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
@@ -188,7 +189,7 @@ def solve(chain, law, loads, start, state):
         count += relax(chain, law, loads, state, H, sweep)
         status, more, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
         count += more
-    if status >= UNSTABLE:
+    if status >= UNSTABLE and not formulas.is_among_walls(chain):  # from the rest pose, which may be beyond a wall
         scratch = np.empty((3, law.low.size)), np.empty(loads.shape)
         status, more, worst, escapes = _grow(chain, law, loads, conservative, state, H, sweep, *scratch)
         count += more
@@ -213,11 +214,11 @@ def _step_aside(angle, way, aside):
         aside[i] = angle[i] + _ASIDE * math.sin((way + 1.0) * (i + 1.0))
 
 
-@formula(formulas.solve_step, Hinges, ContactJoints)
+@formula(formulas.solve_step, Hinges, ContactJoints, SpatialWalled)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
     """The step with friction; fills the state and the memory (rubbed_chain); returns as `solve`."""
-    conservative, n = has_potential(chain, loads), start.size
-    columns = generator_columns(chain.standing, loads) + law.low.size
+    conservative, n = has_potential(chain, loads) and not formulas.rubs_at_walls(chain), start.size
+    columns = formulas.generator_columns(chain, loads) + law.low.size
     angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)
     for i in range(n):
         angles[i] = start[i]

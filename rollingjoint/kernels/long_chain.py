@@ -150,7 +150,7 @@ def no_friction_outside(chain, softness):
 
 
 def no_walls(chain):
-    """`is_among_walls` of a chain by itself."""
+    """`is_among_walls` of a chain by itself, `rubs_at_walls` of one without walls in space."""
     return False
 
 

@@ -84,10 +84,10 @@ def has_potential(chain, loads):
     return True
 
 
-@part
-def generator_columns(standing, loads):
+@formula(formulas.generator_columns, Hinges, ContactJoints)
+def generator_columns(chain, loads):
     """Number of columns of a Sweep for the loads: three, three for springs, one for each torsion spring over hinges."""
-    return (6 if _has_springs(standing, loads) else 3) + torsion_columns(standing, loads, False)
+    return (6 if _has_springs(chain.standing, loads) else 3) + torsion_columns(chain.standing, loads, False)
 
 
 @part(inline=True)
@@ -249,10 +249,19 @@ def load_moment(state, i):
 @part(inline=True)
 def lever(state, i):
     """The vector w of H_im = -a_m . w for m <= i: sum of (a_i × (x - c_i)) × f over the dead forces beyond hinge i."""
-    sums, axis, hinge = state.sums, in_space(state.axis, i, 0), formulas.pivot(state, i)
-    force = in_space(sums, i, F)
-    trace = sums[i, XF] + sums[i, XF + 4] + sums[i, XF + 8] - dot(hinge, force)
-    along = dot(in_space(sums, i, XF), axis), dot(in_space(sums, i, XF + 3), axis), dot(in_space(sums, i, XF + 6), axis)
+    return lever_of(state.sums, i, F, XF, in_space(state.axis, i, 0), formulas.pivot(state, i))
+
+
+@part(inline=True)
+def lever_of(sums, i, first, product, axis, hinge):
+    """`lever` of forces f at points x from their sums, f from column `first` and x outer f from column `product`."""
+    force = in_space(sums, i, first)
+    trace = sums[i, product] + sums[i, product + 4] + sums[i, product + 8] - dot(hinge, force)
+    along = (
+        dot(in_space(sums, i, product), axis),
+        dot(in_space(sums, i, product + 3), axis),
+        dot(in_space(sums, i, product + 6), axis),
+    )
     return minus(minus(along, times(hinge, dot(axis, force))), times(axis, trace))
 
 
@@ -321,6 +330,12 @@ def add_between_links(chain, loads, H):
 @formula(formulas.fill_load_generators, Hinges, ContactJoints)
 def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first columns, and s, c × a in three more."""
+    fill_generators_in_space(chain, loads, state, prox, False, sweep)
+
+
+@part
+def fill_generators_in_space(chain, loads, state, prox, wide, sweep):
+    """fill_load_generators; wide: whether there are the columns of springs where there are none."""
     springs = _has_springs(chain.standing, loads)
     for i in range(state.angle.size):
         w, axis = lever(state, i), in_space(state.axis, i, 0)
@@ -333,7 +348,11 @@ def fill_load_generators(chain, loads, state, prox, sweep):
             for a in range(3):
                 sweep.U[i, a] += p[a]
                 sweep.U[i, 3 + a], sweep.V[i, 3 + a] = s[a], arm[a]
-    fill_torsion_generators(chain.standing, loads, False, 6 if springs else 3, sweep)
+        elif wide:
+            arm = turned_about_origin(state, i)
+            for a in range(3):
+                sweep.U[i, 3 + a], sweep.V[i, 3 + a] = 0.0, arm[a]
+    fill_torsion_generators(chain.standing, loads, False, 6 if springs or wide else 3, sweep)
 
 
 @part(inline=True)

@@ -11,14 +11,19 @@ import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
+from rollingjoint._numba.pins import carve_tuple, size_of
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import all_resolvable
+from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import slide, work_per_grip
 from rollingjoint.kernels.gaps import nearest_on_segment, press, round_end, way_around
 from rollingjoint.kernels.lumens import lumen_fields, lumen_room, nearest_piece, piece_near, point_in_lumen
 from rollingjoint.kernels.planar_loads import placed
 from rollingjoint.kernels.rolling import THETA, C, S, X, Y
-from rollingjoint.kernels.seen_walls import Seen
-from rollingjoint.kernels.walls import MU, PER_LENGTH, PRESLIDING, STIFFNESS, TOE
+from rollingjoint.kernels.seen_walls import Seen, see
+from rollingjoint.kernels.walls import MU, PER_LENGTH, PRESLIDING, STIFFNESS, TOE, Walls
 
+LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
 PENALTY = 200.0  # N/mm: stiffness by which a rigid wall begins
 _LEFT_OF_ROOM = 0.1  # of the gap of a point that has moved as far as it may before its gap is evaluated again
 
@@ -84,7 +89,7 @@ class ContactSizes(NamedTuple):
     ends: int
 
 
-@part
+@formula(formulas.contact_sizes, Walls)
 def contact_sizes(walls, n_joints):
     """ContactSizes of a stack of Walls."""
     points, bars = walls.points.shape[1], walls.bars.shape[1]
@@ -94,24 +99,72 @@ def contact_sizes(walls, n_joints):
     return ContactSizes(points, bars, planes, discs, capsules, pieces, lumens, n_joints, candidates, 2 * (n_joints + 1))
 
 
+@formula(formulas.new_contacts, ContactSizes)
+def new_contacts(sizes):
+    """Empty memory of a solve among walls."""
+    return np.zeros(size_of(ContactMemory, sizes))
+
+
+@formula(formulas.contacts_in, ContactSizes)
+def contacts_in(sizes, space):
+    """The arrays in the memory of a solve among walls."""
+    return carve_tuple(space, 0, ContactMemory, sizes)
+
+
+formula(formulas.see, Walls)(see.py_func)
+
+
+@formula(formulas.touched_of, Touched)
+def touched_of(touched, lane):
+    """What one lane remembers."""
+    return Touched(touched.states[lane], touched.slips[lane], touched.sides[lane], touched.normals[lane])
+
+
+@formula(formulas.valid_memory, Touched)
+def valid_memory(touched):
+    """Whether what contacts remember are finite numbers."""
+    return all_resolvable(touched.slips)
+
+
 @part
 def begin_touch(touch):
     """Forget the last solve, but for friction in it (`begin_rubbing`)."""
     for c in range(touch.gaps.size):
-        touch.normals[c] = touch.multipliers[c] = touch.clear[c, 2] = 0.0
+        touch.normals[c] = touch.multipliers[c] = 0.0
         touch.gaps[c], touch.pieces[c] = np.inf, -1.0
+    formulas.forget_ways(touch)
     touch.how[STIFFER] = touch.how[SOFTER] = 1.0
     touch.how[RUBS] = touch.how[PLACES] = touch.how[STEPS] = touch.how[EVALUATIONS] = 0.0
     for i in range(touch.tangent.size):
         touch.tangent[i] = 0.0
 
 
-@part
+@formula(formulas.forget_ways, Touch)
+def forget_ways(touch):
+    """Forget how far points are from walls."""
+    for c in range(touch.gaps.size):
+        touch.clear[c, 2] = 0.0
+
+
+@formula(formulas.begin_rubbing, Touch)
 def begin_rubbing(touch, rubs):
     """Forget friction in the last solve; rubs: 1 with friction in this one, else 0. Other solves leave zeros there."""
     for c in range(touch.gaps.size):
         touch.states[c] = touch.slips[c] = touch.sides[c] = touch.works[c] = touch.frozen[c] = 0.0
     touch.how[RUBS] = rubs
+
+
+@part
+def shorten_move(touch, farthest, step, is_newtons):
+    """Shorten a step that moves the origin of a link too far; keep the first of Newton's; returns the factor."""
+    for i in range(step.size if is_newtons and touch.how[STEPS] == 0.0 else 0):
+        touch.tangent[i] = step[i]
+    touch.how[STEPS] += 1.0
+    if farthest <= LONGEST_MOVE:
+        return 1.0
+    for i in range(step.size):
+        step[i] *= LONGEST_MOVE / farthest
+    return LONGEST_MOVE / farthest
 
 
 @part(inline=True)

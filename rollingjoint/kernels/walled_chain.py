@@ -14,8 +14,10 @@ import numpy as np
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import INDETERMINATE, all_resolvable
 from rollingjoint.kernels.chain import register
 from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.passing import has_passed, may_pass, place_line
 from rollingjoint.kernels.planar_loads import fill_generators_of_loads
 from rollingjoint.kernels.rolling import FX, FY, TURN, X_DOT_F, X, Y
 from rollingjoint.kernels.seen_walls import Seen
@@ -29,15 +31,14 @@ from rollingjoint.kernels.wall_contacts import (
     PRESSING,
     RUBS,
     SOFTER,
-    STEPS,
     SUM_S,
     X_DOT_G,
+    ContactMemory,
     Touch,
     Touched,
+    shorten_move,
     touch_walls,
 )
-
-LONGEST_MOVE = 8.0  # mm: no link moves farther in a step of Newton's method, or it could pass through a wall
 
 
 class Walled(NamedTuple):
@@ -117,7 +118,7 @@ def fill_load_stiffness(chain, state, i, H):
             H[m, i] += rx * y - ry * x + rm if rubs else value
 
 
-@part
+@formula(formulas.base_stiffness, Walled)
 def base_stiffness(chain, state, S):
     """Fill d residual / d velocity of the base in its own frame, (J, 3): x, y, turn about its origin."""
     contact, sums = state.contact, chain.touch.sums
@@ -127,7 +128,7 @@ def base_stiffness(chain, state, S):
         S[i, 2] -= sums[i, X_DOT_G] - (x * sums[i, GX] + y * sums[i, GY])
 
 
-@part
+@formula(formulas.force_rates, Walled)
 def force_rates(chain, state, rates):
     """Fill d force of all walls, x and y / d joint angle and d velocity of the base in its own frame, (2, J + 3)."""
     contact, sums = state.contact, chain.touch.sums
@@ -164,17 +165,7 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 @formula(formulas.shorten, Walled)
 def shorten(chain, state, step, is_newtons):
     """Shorten a step that would move the origin of a link too far; keep the first of Newton's; returns the factor."""
-    n, touch = step.size, chain.touch
-    for i in range(n if is_newtons and touch.how[STEPS] == 0.0 else 0):
-        touch.tangent[i] = step[i]
-    touch.how[STEPS] += 1.0
-    farthest = farthest_move(state, step)
-    if farthest <= LONGEST_MOVE:
-        return 1.0
-    part_of_it = LONGEST_MOVE / farthest
-    for i in range(n):
-        step[i] *= part_of_it
-    return part_of_it
+    return shorten_move(chain.touch, farthest_move(state, step), step, is_newtons)
 
 
 @part
@@ -277,13 +268,16 @@ register(
 )
 
 
-@part
-def walled(chain, place, before):
+formula(formulas.touch_walls, Walled)(touch_walls.py_func)
+
+
+@formula(formulas.walled, ContactMemory)
+def walled(place, chain, before):
     """The chain among the walls of a ContactMemory."""
     return Walled(chain, chain.joints, chain.tendon_joints, chain.standing, place.seen, before, place.touch)
 
 
-@part
+@formula(formulas.link_forces, Touch)
 def link_forces(touch, state, forces):
     """Fill the wall force on every link: x, y, moment about its origin, in the base frame [N, N·mm]."""
     n = touch.sums.shape[0]
@@ -294,3 +288,37 @@ def link_forces(touch, state, forces):
             fx, fy, moment = fx + touch.sums[i + 1, GX], fy + touch.sums[i + 1, GY], moment + touch.sums[i + 1, GM]
         x, y = state.pose[i + 1, X], state.pose[i + 1, Y]
         forces[i + 1, 0], forces[i + 1, 1], forces[i + 1, 2] = fx, fy, moment - (x * fy - y * fx)
+
+
+@formula(formulas.store_contacts, Touch)
+def store_contacts(touch, walls, lane):
+    """Copy friction states into the outputs of one lane."""
+    for c in range(touch.gaps.size):
+        walls.after.states[lane, c] = touch.states[c]
+
+
+@formula(formulas.remember_contact, Walled)
+def remember_contact(chain, state, status, after):
+    """Fill what contacts remember after a step, but for normal forces."""
+    touch, before = chain.touch, chain.before
+    for c in range(touch.gaps.size):
+        if status > INDETERMINATE:
+            after.states[c], after.slips[c], after.sides[c] = before.states[c], before.slips[c], before.sides[c]
+            continue
+        after.slips[c], after.sides[c] = touch.slips[c], touch.sides[c]
+        presses = after.normals[c] > 0.0
+        after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
+
+
+@formula(formulas.passes, ContactMemory)
+def passes(place, state, walls, lane):
+    """Whether the chain has passed through a wall on its way from the equilibrium before."""
+    if walls.bases_before.shape[0] == 0 or not all_resolvable(walls.bases_before[lane]):
+        return False
+    which, curve, before, now = walls.which[lane], place.curve, walls.bases_before[lane], walls.bases[lane]
+    if not may_pass(walls.walls, which, walls.poses_before[lane], before, state.pose, now):
+        return False
+    bars, last = walls.walls.bars[which], curve.shape[0] - 1
+    place_line(bars, walls.poses_before[lane], before, curve, 0, 1)
+    place_line(bars, state.pose, now, curve, last, -1)
+    return has_passed(walls.walls, which, curve)

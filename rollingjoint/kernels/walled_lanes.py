@@ -33,9 +33,9 @@ from rollingjoint.kernels.rolling_lanes import (
 )
 from rollingjoint.kernels.seen_walls import Seen
 from rollingjoint.kernels.tendons import evaluate_tendons
-from rollingjoint.kernels.wall_contacts import PRESSING, ContactMemory, Touch, Touched, contact_sizes
-from rollingjoint.kernels.walled_chain import LONGEST_MOVE, add_walls, farthest_move, from_the_left
-from rollingjoint.kernels.walled_solve import WallArrays, begin_place, has_jumped, passes, store_walls
+from rollingjoint.kernels.wall_contacts import LONGEST_MOVE, PRESSING, ContactMemory, Touch, Touched, contact_sizes
+from rollingjoint.kernels.walled_chain import add_walls, farthest_move, from_the_left, passes
+from rollingjoint.kernels.walled_solve import WallArrays, begin_place, has_jumped, store_walls
 
 
 class WalledBlock(NamedTuple):

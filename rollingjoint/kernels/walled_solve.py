@@ -13,6 +13,7 @@ from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import (
     AT_LIMIT,
+    CONVERGED,
     INDETERMINATE,
     INVALID_INPUT,
     NO_ROOM,
@@ -23,7 +24,6 @@ from rollingjoint.kernels.arrays import (
 )
 from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
 from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
-from rollingjoint.kernels.passing import has_passed, may_pass, place_line
 from rollingjoint.kernels.rubbed_chain import (
     StepFriction,
     StepFrictionSizes,
@@ -31,21 +31,7 @@ from rollingjoint.kernels.rubbed_chain import (
     rubbed_stiffness,
     rubs_in_holes,
 )
-from rollingjoint.kernels.seen_walls import see
-from rollingjoint.kernels.wall_contacts import (
-    EVALUATIONS,
-    N_PLACE,
-    PENALTY,
-    PLACES,
-    STIFFER,
-    ContactMemory,
-    Touched,
-    begin_rubbing,
-    begin_touch,
-    contact_sizes,
-    touch_walls,
-)
-from rollingjoint.kernels.walled_chain import base_stiffness, force_rates, link_forces, walled
+from rollingjoint.kernels.wall_contacts import EVALUATIONS, PENALTY, PLACES, STIFFER, Touched, begin_touch
 from rollingjoint.kernels.walls import Walls
 
 JUMP = 0.05  # rad, and thrice the tangent: motion of a joint that is a jump
@@ -74,17 +60,11 @@ class WallArrays(NamedTuple):
     jumped: Annotated[Integers, "B"]  # 1 where a joint moved much farther than the tangent at the start
 
 
-@part
-def touched_of(touched, lane):
-    """What one lane remembers."""
-    return Touched(touched.states[lane], touched.slips[lane], touched.sides[lane], touched.normals[lane])
-
-
 @kernel(nogil=True, lapack=True, title="the solver among walls")
 def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes):
     """Solve the given lanes without friction; all inputs but the stacks carry a leading lane axis."""
-    sizes = contact_sizes(walls.walls, starts.shape[1])
-    memory, state = np.zeros(size_of(ContactMemory, sizes)), formulas.new_state(chain, sizes.J, laws.command.shape[1])
+    sizes = formulas.contact_sizes(walls.walls, starts.shape[1])
+    memory, state = formulas.new_contacts(sizes), formulas.new_state(chain, sizes.J, laws.command.shape[1])
     _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, memory, sizes)
 
 
@@ -92,7 +72,7 @@ def solve_among_walls(chain, designs, laws, loads, starts, results, walls, lanes
 def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, state, space, sizes):
     chain, laws, results, walls = borrow(chain), borrow(laws), borrow(results), borrow(walls)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    state, place = pointed(borrow(state)), pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
+    state, place = pointed(borrow(state)), pointed(formulas.contacts_in(sizes, borrow(space)))
     for number in range(lanes.size):
         lane = lanes[number]
         mechanism = pointed(formulas.design(chain, designs[lane]))
@@ -101,9 +81,9 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
         solvable = solvable and all_resolvable(walls.bases[lane])
         begin_place(walls, lane, solvable, place)
         if solvable:
-            among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
+            among = formulas.walled(place, mechanism, pointed(formulas.touched_of(walls.before, lane)))
             outcome = solve_between(among, None, law, loads[lane], starts[lane], state)
-            if outcome[0] <= AT_LIMIT and passes(place, state, walls, lane):
+            if outcome[0] <= AT_LIMIT and formulas.passes(place, state, walls, lane):
                 outcome = PASSED_THROUGH, outcome[1], outcome[2], outcome[3]
         else:
             outcome = solve_invalid(mechanism, starts[lane], state)
@@ -111,20 +91,6 @@ def _solve_each(chain, designs, laws, loads, starts, results, walls, lanes, stat
         store_walls(place.touch, state, walls, lane)
         if solvable:
             walls.jumped[lane] = has_jumped(place.touch, starts[lane], state)
-
-
-@part
-def passes(place, state, walls, lane):
-    """True where the chain has passed through a wall on its way from the equilibrium before."""
-    if walls.bases_before.shape[0] == 0 or not all_resolvable(walls.bases_before[lane]):
-        return False
-    which, curve, before, now = walls.which[lane], place.curve, walls.bases_before[lane], walls.bases[lane]
-    if not may_pass(walls.walls, which, walls.poses_before[lane], before, state.pose, now):
-        return False
-    bars, last = walls.walls.bars[which], curve.shape[0] - 1
-    place_line(bars, walls.poses_before[lane], before, curve, 0, 1)
-    place_line(bars, state.pose, now, curve, last, -1)
-    return has_passed(walls.walls, which, curve)
 
 
 @part
@@ -194,7 +160,7 @@ def begin_place(walls, lane, solvable, place):
         for c in range(place.touch.gaps.size):
             if walls.walls.rigid[walls.which[lane]] > 0.0:
                 place.touch.multipliers[c] = walls.before.normals[lane, c]
-        see(walls.walls, walls.which[lane], walls.bases[lane], place.seen)
+        formulas.see(walls.walls, walls.which[lane], walls.bases[lane], place.seen)
 
 
 @part
@@ -202,8 +168,8 @@ def store_walls(touch, state, walls, lane):
     """Copy the contact of a solved state into the outputs."""
     for c in range(touch.gaps.size):
         walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
-        walls.after.states[lane, c] = touch.states[c]
-    link_forces(touch, state, walls.forces[lane])
+    formulas.store_contacts(touch, walls, lane)
+    formulas.link_forces(touch, state, walls.forces[lane])
     walls.evaluations[lane] = int(touch.how[EVALUATIONS])
     walls.work[lane] = 0.0
 
@@ -211,9 +177,9 @@ def store_walls(touch, state, walls, lane):
 @kernel(nogil=True, lapack=True, short_loops=True, title="the solver with friction among walls")
 def step_among_walls(chain, designs, laws, loads, starts, results, friction, walls, lanes):
     """Solve the steps with friction of the given lanes; all inputs but the stacks carry a leading lane axis."""
-    sizes = contact_sizes(walls.walls, starts.shape[1])
+    sizes = formulas.contact_sizes(walls.walls, starts.shape[1])
     rubbing = StepFrictionSizes(sizes.J, laws.command.shape[1])
-    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    contacts, memory = formulas.new_contacts(sizes), np.zeros(size_of(StepFriction, rubbing))
     state = formulas.new_state(chain, rubbing.J, rubbing.m)
     where = friction, walls, lanes, state, contacts, sizes, memory, rubbing
     _step_each(chain, designs, laws, loads, starts, results, *where)
@@ -226,7 +192,7 @@ def _step_each(
     chain, laws, results = borrow(chain), borrow(laws), borrow(results)
     walls, friction = borrow(walls), borrow(friction)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    state, place = pointed(borrow(state)), pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes))
+    state, place = pointed(borrow(state)), pointed(formulas.contacts_in(sizes, borrow(contacts)))
     memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
     for number in range(lanes.size):
         lane = lanes[number]
@@ -234,17 +200,17 @@ def _step_each(
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         coefficients = pointed(friction_of(friction.law, lane))
         before = pointed(history_of(friction.before, lane))
-        touched = pointed(touched_of(walls.before, lane))
+        touched = pointed(formulas.touched_of(walls.before, lane))
         solvable = valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism))
         solvable = solvable and all_resolvable(walls.bases[lane]) and valid_friction(coefficients, before)
-        solvable = solvable and all_resolvable(touched.slips)
+        solvable = solvable and formulas.valid_memory(touched)
         begin_place(walls, lane, solvable, place)
-        among, status = walled(mechanism, place, touched), INVALID_INPUT
+        among, status = formulas.walled(place, mechanism, touched), INVALID_INPUT
         if solvable:
-            begin_rubbing(place.touch, 1.0)
+            formulas.begin_rubbing(place.touch, 1.0)
             rubbing = coefficients, before, memory
             outcome = solve_between(among, rubbing, law, loads[lane], starts[lane], state)
-            if outcome[0] <= AT_LIMIT and passes(place, state, walls, lane):
+            if outcome[0] <= AT_LIMIT and formulas.passes(place, state, walls, lane):
                 outcome = PASSED_THROUGH, outcome[1], outcome[2], outcome[3]
             status = outcome[0]
         else:
@@ -270,20 +236,15 @@ def remember_walls(chain, status, state, walls, lane):
     Where the pose is indeterminate friction states stay as they were; without an equilibrium the whole memory stays.
     Normal forces are those that `store_walls` has stored: multipliers of rigid walls have changed since.
     """
-    touch, before, after, work = chain.touch, chain.before, touched_of(walls.after, lane), 0.0
+    touch, before, after, work = chain.touch, chain.before, formulas.touched_of(walls.after, lane), 0.0
     if status <= INDETERMINATE:
-        touch_walls(chain, state, True)
+        formulas.touch_walls(chain, state, True)
+    formulas.remember_contact(chain, state, status, after)
     for c in range(touch.gaps.size):
-        normal = after.normals[c]
-        presses = normal > 0.0
         if status > INDETERMINATE:
-            after.states[c], after.slips[c] = before.states[c], before.slips[c]
-            after.sides[c], after.normals[c] = before.sides[c], before.normals[c]
-            continue
-        after.slips[c], after.sides[c] = touch.slips[c], touch.sides[c]
-        after.states[c] = (touch.states[c] if status < INDETERMINATE else before.states[c]) if presses else 0.0
-        if status < INDETERMINATE:
-            work += 0.5 * (normal + before.normals[c]) * touch.works[c]
+            after.normals[c] = before.normals[c]
+        elif status < INDETERMINATE:
+            work += 0.5 * (after.normals[c] + before.normals[c]) * touch.works[c]
     return work
 
 
@@ -292,10 +253,10 @@ def touch_again(chain, designs, angles, walls, places):
     """Evaluate every candidate at joint angles (B, J).
 
     Fills gaps, forces of compliant walls without friction, and memory of contacts that have not slipped; and of every
-    candidate its place, as in Touch.places, in the base frame: places (B, C, N_PLACE).
+    candidate its place, as in `places` of its Touch, in the base frame: places (B, C, columns).
     """
-    sizes = contact_sizes(walls.walls, angles.shape[1])
-    memory = np.zeros(size_of(ContactMemory, sizes))
+    sizes = formulas.contact_sizes(walls.walls, angles.shape[1])
+    memory = formulas.new_contacts(sizes)
     state = formulas.new_state(chain, sizes.J, chain.tendon_joints.size)
     _touch_each(chain, designs, angles, walls, places, state, memory, sizes)
 
@@ -304,23 +265,23 @@ def touch_again(chain, designs, angles, walls, places):
 def _touch_each(chain, designs, angles, walls, places, state, space, sizes):
     chain, state, walls, angles = borrow(chain), pointed(borrow(state)), borrow(walls), borrow(angles)
     designs, places = borrow(designs), borrow(places)
-    place = pointed(carve_tuple(borrow(space), 0, ContactMemory, sizes))
+    place = pointed(formulas.contacts_in(sizes, borrow(space)))
     touch = place.touch
     for lane in range(angles.shape[0]):
         mechanism = pointed(formulas.design(chain, designs[lane]))
         for i in range(state.angle.size):
             state.angle[i] = angles[lane, i]
         begin_place(walls, lane, True, place)
-        begin_rubbing(touch, 0.0)
+        formulas.begin_rubbing(touch, 0.0)
         formulas.evaluate_geometry(mechanism, state)
-        among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
+        among = formulas.walled(place, mechanism, pointed(formulas.touched_of(walls.before, lane)))
         touch.how[PLACES] = 1.0
-        touch_walls(among, state, True)
+        formulas.touch_walls(among, state, True)
         for c in range(touch.gaps.size):
             walls.gaps[lane, c], walls.after.normals[lane, c] = touch.gaps[c], touch.normals[c]
-            walls.after.slips[lane, c], walls.after.sides[lane, c] = touch.slips[c], touch.sides[c]
-            walls.after.states[lane, c] = 0.0
-            for column in range(N_PLACE):
+        formulas.remember_contact(among, state, CONVERGED, formulas.touched_of(walls.after, lane))
+        for c in range(touch.gaps.size):
+            for column in range(places.shape[2]):
                 places[lane, c, column] = touch.places[c, column]
 
 
@@ -329,12 +290,12 @@ def walled_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, h
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), as after steps that left these histories and memories.
 
     law: of the friction in the chain. rubs: 1 after steps with friction at the walls, else 0.
-    S (B, J, 3): d residual / d velocity of the base in its own frame: x, y, turn about its origin. F (B, 2, J + 3): d
-    force of all walls, x and y / d joint angle and d velocity of the base.
+    S (B, J, 3 or 6): d residual / d velocity of the base in its own frame: x, y, turn about its origin; in space x, y,
+    z, turn. F (B, 2 or 3, J + 3 or 6): d force of all walls / d joint angle and d velocity of the base.
     """
-    sizes = contact_sizes(walls.walls, angles.shape[1])
+    sizes = formulas.contact_sizes(walls.walls, angles.shape[1])
     rubbing = StepFrictionSizes(sizes.J, tensions.shape[1])
-    contacts, memory = np.zeros(size_of(ContactMemory, sizes)), np.zeros(size_of(StepFriction, rubbing))
+    contacts, memory = formulas.new_contacts(sizes), np.zeros(size_of(StepFriction, rubbing))
     state = formulas.new_state(chain, rubbing.J, rubbing.m)
     where = history, rubs, walls, A, torques, S, F, state, contacts, sizes, memory, rubbing
     _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, *where)
@@ -366,13 +327,13 @@ def _stiffness_each(
     state = pointed(borrow(state))
     designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
     angles, A, torques, S, F = borrow(angles), borrow(A), borrow(torques), borrow(S), borrow(F)
-    place = pointed(carve_tuple(borrow(contacts), 0, ContactMemory, sizes))
+    place = pointed(formulas.contacts_in(sizes, borrow(contacts)))
     memory = pointed(carve_tuple(borrow(space), 0, StepFriction, rubbing))
     for lane in range(angles.shape[0]):
         mechanism, past = pointed(formulas.design(chain, designs[lane])), pointed(history_of(history, lane))
         begin_place(walls, lane, True, place)
-        begin_rubbing(place.touch, rubs)
-        among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
+        formulas.begin_rubbing(place.touch, rubs)
+        among = formulas.walled(place, mechanism, pointed(formulas.touched_of(walls.before, lane)))
         if place.seen.rigid[0] > 0.0:
             place.touch.how[STIFFER] = _FIRM
             evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
@@ -381,5 +342,5 @@ def _stiffness_each(
                     place.touch.multipliers[c] += PENALTY * _FIRM * place.touch.gaps[c]
         evaluate_at(among, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
         rubbed_stiffness(among, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
-        base_stiffness(among, state, S[lane])
-        force_rates(among, state, F[lane])
+        formulas.base_stiffness(among, state, S[lane])
+        formulas.force_rates(among, state, F[lane])

@@ -11,6 +11,7 @@ Modules:
     plans: a mechanism on its way along a path, lengths and tensions over time.
     spatial: pictures of arms.
     walls: walls, lumens and obstacles, and the forces at them.
+    walls_in_space: the same around chains in space.
     workspaces: dexterity, force and stiffness where the tip can be.
 """
 

@@ -20,6 +20,7 @@ from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.contact_lines import ABOVE_BODIES, draw_contacts, draw_holding, draw_surfaces
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
+from rollingjoint.plotting.walls_in_space import draw_surroundings_in_space, in_world
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -40,6 +41,7 @@ def plot_arm(
     tendons: bool = True,
     loads: bool = True,
     contacts: bool = True,
+    walls: bool = True,
     friction: float = FRICTION,
     label: str | None = None,
     color: str = LINK_COLOR,
@@ -58,6 +60,7 @@ def plot_arm(
         tendons: draw the tendons; dashed if slack, thin if of unknown tension.
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         contacts: draw the contact lines of an equilibrium with rolling contacts, coloured by their tilting margin.
+        walls: draw the walls around an equilibrium, and where it presses on them; everything is in their frame then.
         friction: coefficient of the contact lines, beside which teeth carry a force.
         label: legend text of the beads or links.
         color: their colour.
@@ -71,6 +74,7 @@ def plot_arm(
         raise InvalidInput(
             "arm", arm, "a chain in space, or one HingeEquilibrium or SpatialEquilibrium", "Solve a single row."
         )
+    around, equilibrium = equilibrium, None if equilibrium is None else in_world(equilibrium)
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     ax = _new_axes() if ax is None else ax
     _draw_tubes(ax, chain, poses, color, label)
@@ -86,6 +90,8 @@ def plot_arm(
     if contacts and isinstance(chain, SpatialChain) and isinstance(equilibrium, SpatialEquilibrium):
         draw_contacts(ax, equilibrium)
         draw_holding(ax, equilibrium, friction)
+    if walls and around is not None and around.walls is not None:
+        draw_surroundings_in_space(ax, around)
     return _finish(ax)
 
 

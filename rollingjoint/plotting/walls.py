@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.outline import rotation, to_world
+from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.wall_step import WallStep
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import pair_columns
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 WALL_COLOR, PRESSED_COLOR = "#C9A78F", "#8C1D40"
 _WALL: dict[str, Any] = {"facecolor": WALL_COLOR, "edgecolor": "#7D5A45", "linewidth": 1.0, "alpha": 0.55, "zorder": 1}
 _SKIN: dict[str, Any] = {"color": "#5B6B82", "linewidth": 0.7, "zorder": ORDER["link"], "label": "outline"}
-_STICKS = "#0072B2"
+STICKS_COLOR = "#0072B2"
 _FORCES, _STATES = "YlOrRd", "PuOr"  # colour maps
 _ARROW = ArrowStyle(PRESSED_COLOR, 1.8, ORDER["load"])
 _FORCE, _ANCHOR = pair_columns("f", "a")
@@ -88,11 +89,11 @@ def draw_pressed(
         draw_arrow(ax, place, arrow_scale * force, eq.chain.length, _ARROW, f"wall force ({scale_text(arrow_scale)})")
     colors = force_colors([eq]) if colors is None else colors
     tones = colors.to_rgba(np.array([touch.force for touch in contacts]))
-    edges = [_STICKS if touch.sticks and eq.walls.memory is not None else "black" for touch in contacts]
+    edges = [STICKS_COLOR if touch.sticks and eq.walls.memory is not None else "black" for touch in contacts]
     x, y = places.T
     ax.scatter(x, y, s=34, c=tones, edgecolors=edges, linewidths=1.3, zorder=ORDER["load"] + 0.5)
-    if _STICKS in edges:
-        ax.plot([], [], "o", markerfacecolor="white", markeredgecolor=_STICKS, markeredgewidth=1.4, label="sticks")
+    if STICKS_COLOR in edges:
+        ax.plot([], [], "o", markerfacecolor="white", markeredgecolor=STICKS_COLOR, markeredgewidth=1.4, label="sticks")
     if scale:
         label = "normal force of walls [N]"
         ax.figure.colorbar(colors, ax=ax, location="bottom", shrink=0.7, pad=0.12, label=label)
@@ -114,7 +115,7 @@ def places_and_forces(eq: Equilibrium) -> tuple[Array, Array]:
     return to_world(base, places), forces @ rotation(base[2]).T
 
 
-def force_colors(equilibria: Sequence[Equilibrium]) -> ScalarMappable:
+def force_colors(equilibria: Sequence[Solution]) -> ScalarMappable:
     """Colours of normal forces, from 0 to the largest of all equilibria."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -155,7 +156,7 @@ def plot_wall_contacts(path: Sequence[Equilibrium], inputs: Sequence[float], lab
         steps, links, s=sizes, c=states, cmap=_STATES, vmin=-1, vmax=1, linewidths=0.3, edgecolors="grey"
     )
     held = sticks > 0.0
-    top.plot(steps[held], links[held], "o", markersize=2.2, color=_STICKS, label="sticks")
+    top.plot(steps[held], links[held], "o", markersize=2.2, color=STICKS_COLOR, label="sticks")
     top.set(ylabel="link", yticks=range(1, path[0].chain.n_links), ylim=(0.5, path[0].chain.n_links - 0.5))
     if held.any():
         top.legend(loc="lower left")

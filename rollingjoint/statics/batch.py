@@ -20,7 +20,6 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
-from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.statics.among import (
     ORIGIN,
@@ -124,7 +123,7 @@ class Batch:
             each[row] = in_parts(_take_part, row_of(at, row), history, each[row], law, tables[row])
         return replace(stacked(each), mechanism=solution.mechanism)
 
-    def _step_among(self, laws: TendonLaw, tables: Array, starts: Array, history: History, walls: WallArrays) -> Any:
+    def _step_among(self, laws: TendonLaw, tables: Array, starts: Array, history: History, walls: Any) -> Any:
         """The equilibria among walls, obstacles that they pass through or not."""
         rows = len(self.inputs)
         inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, starts

@@ -12,7 +12,6 @@ from rollingjoint.chain.batch import solve_one
 from rollingjoint.chain.chain import Chain, check_chain, read_only
 from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.walls import Walls
 from rollingjoint.load import Load
 from rollingjoint.statics.among import ORIGIN, Around, base_of, has_wall_friction, walls_of
 from rollingjoint.statics.batch import solve_one_among
@@ -36,9 +35,7 @@ class Problem(Generic[S]):
         walls: arrays of its surroundings, or None.
     """
 
-    def __init__(
-        self, mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Walls | None = None
-    ) -> None:
+    def __init__(self, mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Any = None) -> None:
         self.mechanism, self.given = mechanism, given
         self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
         self.walls = walls
@@ -54,7 +51,8 @@ class Problem(Generic[S]):
             start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
             history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Default
                 start: its joint angles.
-            base: pose of the base among the surroundings, x, y [mm], angle [rad].
+            base: pose of the base among the surroundings, x, y [mm], angle [rad]; in space x, y, z [mm], and after them
+                a rotation vector [rad] if it is turned.
         Returns:
             Equilibrium or HingeEquilibrium; look at its status.
         Raises:
@@ -75,7 +73,7 @@ class Problem(Generic[S]):
             slot.law.low[...] = slot.law.high[...] = command
         slot.start[...] = angles
         if self.walls is not None:
-            slot.enter_way(base_of(base), start, history)
+            slot.enter_way(base_of(base, self.mechanism.dimension), start, history)
         equilibrium: S | None = slot.solve(self.mechanism, self.loads, start is not None or history is not None)
         spares.append(slot)  # not after an interrupt: a thread that was abandoned may still be writing into it
         return equilibrium or self._step(command, angles, (start, history), base)
@@ -127,7 +125,7 @@ def prepare(
         loads: external loads.
         given: "lengths" (elastic tendons) or "tensions".
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]; only where lengths are given.
-        surroundings: walls around the mechanism, a RollingChain; None: none.
+        surroundings: walls around the mechanism; None: none.
     Raises:
         InvalidInput: wrong types, a load on a link that does not exist, tension limits where tensions are given.
     """
@@ -140,7 +138,5 @@ def prepare(
     return Problem(mechanism, given, mechanism.load_table(loads), limits, walls)
 
 
-def _restored(
-    mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Walls | None = None
-) -> Problem[S]:
+def _restored(mechanism: Chain[S], given: str, loads: Array, tension_limits: Array, walls: Any = None) -> Problem[S]:
     return Problem(mechanism, given, loads, tension_limits, walls)

@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.batch import PinnedAmongWalls, PinnedRange
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.wall_step import WALL_OUTPUTS, new_wall_arrays, wall_outputs, with_outputs
+from rollingjoint.chain.wall_step import WALL_OUTPUTS, new_wall_arrays, step_class, wall_outputs, with_outputs
 from rollingjoint.kernels.arrays import PASSED_THROUGH, TendonLaw
-from rollingjoint.kernels.walled_solve import WallArrays
-from rollingjoint.kernels.walls import Walls
 from rollingjoint.statics.among import ORIGIN, equilibrium_among
 from rollingjoint.threads import run_in_threads, runs_at_once
 
@@ -41,13 +39,14 @@ class Slot:
         arrays: the mechanism's. loads: load table, (rows, columns). start: joint angles, (n - 1,) [rad].
     """
 
-    def __init__(self, mechanism: AnyChain, rows: int, walls: Walls | None = None) -> None:
+    def __init__(self, mechanism: AnyChain, rows: int, walls: Any = None) -> None:
         n_joints, m = mechanism.n_joints, mechanism.n_tendons
         kernels, self._n_joints = mechanism.kernels, n_joints
         self._pack = mechanism.equilibrium.of_outputs
         results, around = kernels.new_results(1, n_joints, m), None
         if walls is not None:
-            around = new_wall_arrays(walls, _FIRST, np.zeros((1, 3)), n_joints, None, _unknown(n_joints))
+            bases, unknown = np.zeros((1, step_class(walls).motions)), _unknown(results.poses.shape[1:], walls)
+            around = new_wall_arrays(walls, _FIRST, bases, n_joints, None, unknown)
         self._outputs, self._places, results, around = _in_one_block(results, around)
         if around is not None:
             around = around._replace(poses_before=results.poses)  # read before the new ones are written
@@ -92,7 +91,7 @@ class Slot:
         elif not (before is ORIGIN and self._before is ORIGIN):
             around.bases_before[...], self._before = around.bases, before
         if not (base is ORIGIN and before is ORIGIN):
-            around.bases[...], self._base = base, base
+            around.bases[...], self._base = 0.0 if base is ORIGIN else base, base
 
     def solve(self, mechanism: AnyChain, table: Array, promised: bool = True) -> Any:
         """The equilibrium for the inputs of `enter`; table: its load table, read-only.
@@ -116,7 +115,7 @@ class Slot:
         return self._pack(mechanism, table, outputs, *numbers, around=(self.walls, jumped))
 
 
-def _in_one_block(results: Any, around: WallArrays | None) -> tuple[Array, dict[str, tuple[Any, int]], Any, Any]:
+def _in_one_block(results: Any, around: Any) -> tuple[Array, dict[str, tuple[Any, int]], Any, Any]:
     """One block of memory for all outputs of floats; shape and first byte of each; results and walls with them there.
 
     Of walls with the pose of the base, which results keep.
@@ -138,9 +137,9 @@ def _in_one_block(results: Any, around: WallArrays | None) -> tuple[Array, dict[
     return outputs, places, results, around
 
 
-def _unknown(n_joints: int) -> tuple[Array, Array]:
-    """No equilibrium among walls before a solve, and room for one."""
-    return np.zeros((1, n_joints + 1, 3)), np.full((1, 3), math.nan)
+def _unknown(poses: tuple[int, ...], walls: Any) -> tuple[Array, Array]:
+    """No equilibrium among walls before a solve, and room for one; poses: shape of the poses of links."""
+    return np.zeros((1, *poses)), np.full((1, step_class(walls).motions), math.nan)
 
 
 def full_law(law: Law, n_tendons: int) -> TendonLaw:
@@ -148,9 +147,7 @@ def full_law(law: Law, n_tendons: int) -> TendonLaw:
     return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
-def spare_slot(
-    mechanism: AnyChain, rows: int, kind: type[Any] = Slot, walls: Walls | None = None
-) -> tuple[Any, list[Any]]:
+def spare_slot(mechanism: AnyChain, rows: int, kind: type[Any] = Slot, walls: Any = None) -> tuple[Any, list[Any]]:
     """An unused slot of the mechanism, and the list to put it back into.
 
     kind: of the slot, made by kind(mechanism, rows) or, among walls, kind(mechanism, rows, walls); it has `arrays` of

@@ -44,8 +44,9 @@ def solve_tensions(
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
             result is the pose without friction, before any slip. Default start: its joint angles.
-        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
-            [mm], angle [rad]; the results and loads are in the frame of the base.
+        surroundings: walls around the mechanism; None: none. base: pose of its base among them, x, y [mm], angle [rad],
+            in space x, y, z [mm], and after them a rotation vector [rad] if it is turned; the results and loads are in
+            the frame of the base.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status. NaN, huge or negative numbers give Status.INVALID_INPUT.
     Raises:
@@ -83,8 +84,9 @@ def solve_lengths(
             maximum stands for 1000 N.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
             result is the pose without friction, before any slip. Default start: its joint angles.
-        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
-            [mm], angle [rad]; the results and loads are in the frame of the base.
+        surroundings: walls around the mechanism; None: none. base: pose of its base among them, x, y [mm], angle [rad],
+            in space x, y, z [mm], and after them a rotation vector [rad] if it is turned; the results and loads are in
+            the frame of the base.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status.
     Raises:
@@ -128,8 +130,8 @@ def solve_tensions_batch(
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
-        surroundings: walls around the mechanisms, RollingChains: for all rows, or a list, one per row; None: none.
-            base: pose of the base among them, (3,) or (B, 3), x, y [mm], angle [rad].
+        surroundings: walls around the mechanisms: for all rows, or a list, one per row; None: none. base: pose of the
+            base among them, (3,) or (B, 3), x, y [mm], angle [rad]; in space (B, 3 or 6) x, y, z [mm], rotation vector.
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
@@ -159,8 +161,8 @@ def solve_lengths_batch(
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
         history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
-        surroundings: walls around the mechanisms, RollingChains: for all rows, or a list, one per row; None: none.
-            base: pose of the base among them, (3,) or (B, 3), x, y [mm], angle [rad].
+        surroundings: walls around the mechanisms: for all rows, or a list, one per row; None: none. base: pose of the
+            base among them, (3,) or (B, 3), x, y [mm], angle [rad]; in space (B, 3 or 6) x, y, z [mm], rotation vector.
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
@@ -205,7 +207,7 @@ def _solve_among(
     if frictionless and len(walls.rigid) == 1:
         slot, spares = spare_slot(mechanism, len(table), walls=walls)
         slot.enter(law, table, angles)
-        slot.enter_way(base_of(base), *before)
+        slot.enter_way(base_of(base, mechanism.dimension), *before)
         equilibrium = slot.solve(mechanism, read_only(table), before[0] is not None or before[1] is not None)
         spares.append(slot)
         if equilibrium is not None:

@@ -41,8 +41,8 @@ def trace(
         tension_limits: with lengths, minimum and maximum tendon tension, numbers or (m,) [N].
         history: the equilibrium before the first step. Without it the first step is the pose without friction, before
             any slip.
-        surroundings: walls around the mechanism, a RollingChain; None: none. base: pose of its base among them, x, y
-            [mm], angle [rad], of all steps, (3,), or of every step, (K, 3).
+        surroundings: walls around the mechanism; None: none. base: pose of its base among them, x, y [mm], angle [rad],
+            of all steps, (3,), or of every step, (K, 3); in space (3,) or (6,), x, y, z [mm], rotation vector [rad].
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis K on its arrays. A step without a stable equilibrium has the
         status of its failure, and the next one is taken from the history of the last stable one.
@@ -59,7 +59,7 @@ def trace(
         raise InvalidInput("number of lists of loads", len(every), f"{len(path)}, one per step")
     walls = None if surroundings is None else walls_of(surroundings, mechanism)
     steps: list[Any] = []
-    for values, step_loads, at in zip(path, every, bases_of(base, len(path)), strict=True):
+    for values, step_loads, at in zip(path, every, bases_of(base, len(path), mechanism.dimension), strict=True):
         among = {} if walls is None else {"surroundings": walls, "base": at}
         if given == "tensions":
             step: Any = solve_tensions(mechanism, values, step_loads, history=history, **among)

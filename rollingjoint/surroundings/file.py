@@ -12,7 +12,18 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.outline import Bare, Outline, Sleeve
 from rollingjoint.surroundings.table import Surroundings
-from rollingjoint.surroundings.walls import Boundary, Capsule, Disc, HalfPlane, Polygon, Wall, WallFriction
+from rollingjoint.surroundings.tube import Tube
+from rollingjoint.surroundings.walls import (
+    Boundary,
+    Capsule,
+    Disc,
+    HalfPlane,
+    Plane,
+    Polygon,
+    Sphere,
+    Wall,
+    WallFriction,
+)
 
 _WALLS: dict[str, type[Any]] = {
     "half_plane": HalfPlane,
@@ -20,13 +31,14 @@ _WALLS: dict[str, type[Any]] = {
     "capsule": Capsule,
     "polygon": Polygon,
     "lumen": Lumen,
+    "plane": Plane,
+    "sphere": Sphere,
+    "tube": Tube,
 }
 _OUTLINES: dict[str, type[Any]] = {"sleeve": Sleeve, "bare": Bare}
 _LAW = tuple(field.name for field in fields(Boundary))
-_BY_POINTS = {  # other forms of a lumen, by the key of their points, with the keys beside those of the law
-    "through": (Lumen.through, ("radii", "bend_radius")),
-    "fit": (Lumen.fit, ("radii", "tolerance")),
-}
+# Other forms of lumens and tubes, by the key of their points, with the keys beside those of the law
+_BY_POINTS = {"through": ("radii", "bend_radius"), "fit": ("radii", "tolerance")}
 KEYS = ("walls", "outline", "friction", "rigid")
 
 
@@ -67,9 +79,9 @@ def _wall(where: str, item: object) -> Wall:
     keys = [field.name for field in fields(kind)]
     required = [field.name for field in fields(kind) if field.default is MISSING]
     make: Any = kind
-    points = [key for key in _BY_POINTS if kind is Lumen and isinstance(value, Mapping) and key in value]
+    points = [key for key in _BY_POINTS if kind in (Lumen, Tube) and isinstance(value, Mapping) and key in value]
     if points:
-        make, others = _BY_POINTS[points[0]]
+        make, others = getattr(kind, points[0]), _BY_POINTS[points[0]]
         keys, required = [points[0], *others, *_LAW], [points[0], "radii"]
         required += ["bend_radius"] if "bend_radius" in others else []
     values = {key: _value(f"{place}.{key}", key, entry) for key, entry in mapping(place, value, keys, required).items()}

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,19 +52,19 @@ class Lumen(Boundary):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lengths, curvatures = _numbers("Lumen lengths", self.lengths), _numbers("Lumen curvatures", self.curvatures)
+        lengths, curvatures = numbers_of("Lumen lengths", self.lengths), numbers_of("Lumen curvatures", self.curvatures)
         if not lengths.size or not bool((lengths > 0.0).all()):
             raise InvalidInput("Lumen lengths", self.lengths, "one or more numbers above 0 [mm]")
         if lengths.shape != curvatures.shape:
             raise InvalidInput("Lumen curvatures", self.curvatures, f"{lengths.size} numbers, one per piece [1/mm]")
-        radii = _radii("Lumen radii", self.radii, lengths.size + 1, "border of the pieces")
-        start = _numbers("Lumen start", self.start)
+        radii = radii_of("Lumen radii", self.radii, lengths.size + 1, "border of the pieces")
+        start = numbers_of("Lumen start", self.start)
         if start.shape != (3,):
             raise InvalidInput("Lumen start", self.start, "three numbers (x, y, angle) [mm, rad]")
         for name, numbers in (("lengths", lengths), ("curvatures", curvatures), ("radii", radii), ("start", start)):
             object.__setattr__(self, name, tuple(numbers.tolist()))
-        self._check_room()
-        self._check_overlap()
+        check_room("Lumen", self, self._radii)
+        check_overlap("Lumen", self, self._radii)
 
     @classmethod
     def along(
@@ -84,7 +84,7 @@ class Lumen(Boundary):
         if not isinstance(profile, Profile):
             raise InvalidInput("Lumen profile", profile, "a Profile, such as Profile.constant(0.02, (0, 60))")
         tolerance = as_positive("Lumen tolerance", tolerance, "a number above 0 [mm]")
-        radii = _radii("Lumen radii", radii)
+        radii = radii_of("Lumen radii", radii)
         low, high = profile.limits
         knots = np.linspace(low, high, radii.size)
         borders, count = np.union1d(profile.breaks, knots), 1
@@ -118,20 +118,13 @@ class Lumen(Boundary):
         sizes = np.hypot(*steps.T)
         if not bool((sizes > 0.0).all()):
             raise InvalidInput("Lumen points", points, "neighbours in different places", "Leave out the repeated one.")
-        radii = _radii("Lumen radii", radii, len(corners), "point")
+        radii = radii_of("Lumen radii", radii, len(corners), "point")
         bends = np.zeros(0)
         if len(corners) > 2:
-            bends = _radii("Lumen bend_radius", bend_radius, len(corners) - 2, "corner")
+            bends = radii_of("Lumen bend_radius", bend_radius, len(corners) - 2, "corner")
         angles = np.arctan2(steps[:, 1], steps[:, 0])
         turns = (np.diff(angles) + np.pi) % (2.0 * np.pi) - np.pi
-        # Length of the straight line that an arc replaces on both sides of its corner
-        cuts = np.concatenate([[0.0], bends * np.tan(0.5 * np.abs(turns)), [0.0]])
-        straight = sizes - cuts[:-1] - cuts[1:]
-        if not bool((straight >= -1e-9 * sizes).all()):
-            line = int(np.argmin(straight / sizes))
-            allowed = f"arcs that fit on the line from point {line} to point {line + 1}, {sizes[line]:.4g} mm long"
-            needed = f"They take {cuts[line] + cuts[line + 1]:.4g} mm of it."
-            raise InvalidInput("Lumen bend_radius", bend_radius, allowed, needed)
+        straight = straight_parts("Lumen bend_radius", bend_radius, sizes, bends, np.abs(turns))
         pieces: list[tuple[float, float, float]] = []  # length, curvature, radius at the end
         for i, length in enumerate(straight):
             pieces.append((length, 0.0, radii[i + 1]))
@@ -157,7 +150,7 @@ class Lumen(Boundary):
 
         places = np.array(as_points("Lumen points", points, 3))
         tolerance = as_positive("Lumen tolerance", tolerance, "a number above 0 [mm]")
-        radii = _radii("Lumen radii", radii, len(places), "point")
+        radii = radii_of("Lumen radii", radii, len(places), "point")
         lengths, curvatures, start, along = fitted_line(places, tolerance)
         borders = np.concatenate([[0.0], np.cumsum(lengths)])
         return cls(lengths.tolist(), curvatures.tolist(), np.interp(borders, along, radii).tolist(), start, **law)
@@ -210,42 +203,89 @@ class Lumen(Boundary):
         pieces = zip(poses, self.curvatures, self.lengths, self.borders, itertools.pairwise(self._radii), strict=False)
         return {"pieces": [(*pose, u, length, t, *ends) for pose, u, length, t, ends in pieces], "lumens": [()]}
 
-    def _check_room(self) -> None:
-        """Raise InvalidInput where the radius changes too fast, or the inner wall of a bend would fold."""
-        radii = self._radii
-        slopes = np.abs(np.diff(radii)) / self.lengths
-        if slopes.max() > STEEPEST:
-            piece = int(np.argmax(slopes))
-            allowed = f"radii that change by at most {STEEPEST:g} of the length of their piece"
-            ends = f"from {radii[piece]:.4g} to {radii[piece + 1]:.4g} mm"
-            hint = f"Piece {piece} of {self.lengths[piece]:.4g} mm goes {ends}."
-            raise InvalidInput("Lumen radii", self.radii, allowed, hint)
-        folds = np.maximum(radii[:-1], radii[1:]) * np.abs(self.curvatures)
-        if folds.max() >= 1.0:
-            piece = int(np.argmax(folds))
-            allowed = f"less than the bend radius of piece {piece}, {1.0 / abs(self.curvatures[piece]):.4g} mm"
-            largest = float(radii[piece : piece + 2].max())
-            raise InvalidInput("Lumen radii", largest, allowed, "Else the inner wall folds.")
+    def points(self, t: ArrayLike) -> Array:
+        """Points of the centre line at arc lengths t, (..., 2) [mm]."""
+        return self.pose(t)[..., :2]
 
-    def _check_overlap(self) -> None:
-        """Raise InvalidInput if places far from each other along the lumen share points of the plane."""
-        largest = self._radii.max()
-        spacing = max(0.5 * self._radii.min(), self.length / 1000.0)
-        inner = np.linspace(0.0, self.length, 2 + int(self.length / spacing))
-        reach = np.ptp(self.pose(inner)[:, :2], axis=0).max() + 2.0 * largest
-        ends = np.arange(1, 2 + int(reach / spacing)) * spacing
-        t = np.concatenate([-ends[::-1], inner, self.length + ends])
-        places, radii = self.pose(t)[:, :2], self.radius(t)
-        for i in range(0, len(t), _BLOCK):
-            block = slice(i, i + _BLOCK)
-            far = t > t[block, None] + np.pi * largest  # two places of a bend of radius R: 2 R apart, pi R along it
-            apart = np.hypot(*np.moveaxis(places - places[block, None], -1, 0))
-            first, second = np.nonzero(far & (apart < (radii + radii[block, None]) * (1.0 - 1e-9)))
-            if first.size:
-                meet = f"{t[i + first[0]]:.4g} and {t[second[0]]:.4g} mm"
-                allowed = "a centre line that stays clear of itself, its straight ends included"
-                hint = f"It meets itself at arc lengths {meet}. Shorten it."
-                raise InvalidInput("Lumen", f"{self.length:.4g} mm long", allowed, hint)
+
+class CentreLine(Protocol):
+    """A lumen or a tube: arcs without corners, and a radius along them."""
+
+    @property
+    def lengths(self) -> Sequence[float]:
+        """Of its pieces [mm]."""
+
+    @property
+    def curvatures(self) -> Sequence[float]:
+        """Of its pieces [1/mm]."""
+
+    @property
+    def length(self) -> float:
+        """Sum of the lengths [mm]."""
+
+    def points(self, t: ArrayLike) -> Array:
+        """Points at arc lengths t [mm]."""
+
+    def radius(self, t: ArrayLike) -> Array:
+        """Radius at arc lengths t [mm]."""
+
+
+def check_room(name: str, line: CentreLine, radii: Array) -> None:
+    """Raise InvalidInput where the radius changes too fast, or the inner wall of a bend would fold."""
+    slopes = np.abs(np.diff(radii)) / line.lengths
+    if slopes.max() > STEEPEST:
+        piece = int(np.argmax(slopes))
+        allowed = f"radii that change by at most {STEEPEST:g} of the length of their piece"
+        ends = f"from {radii[piece]:.4g} to {radii[piece + 1]:.4g} mm"
+        hint = f"Piece {piece} of {line.lengths[piece]:.4g} mm goes {ends}."
+        raise InvalidInput(f"{name} radii", tuple(radii.tolist()), allowed, hint)
+    folds = np.maximum(radii[:-1], radii[1:]) * np.abs(line.curvatures)
+    if folds.max() >= 1.0:
+        piece = int(np.argmax(folds))
+        allowed = f"less than the bend radius of piece {piece}, {1.0 / abs(line.curvatures[piece]):.4g} mm"
+        largest = float(radii[piece : piece + 2].max())
+        raise InvalidInput(f"{name} radii", largest, allowed, "Else the inner wall folds.")
+
+
+def check_overlap(name: str, line: CentreLine, border_radii: Array) -> None:
+    """Raise InvalidInput if places far from each other along a lumen or a tube share points."""
+    largest = border_radii.max()
+    spacing = max(0.5 * border_radii.min(), line.length / 1000.0)
+    inner = np.linspace(0.0, line.length, 2 + int(line.length / spacing))
+    reach = np.ptp(line.points(inner), axis=0).max() + 2.0 * largest
+    ends = np.arange(1, 2 + int(reach / spacing)) * spacing
+    t = np.concatenate([-ends[::-1], inner, line.length + ends])
+    places, radii = line.points(t), line.radius(t)
+    for i in range(0, len(t), _BLOCK):
+        block = slice(i, i + _BLOCK)
+        far = t > t[block, None] + np.pi * largest  # two places of a bend of radius R: 2 R apart, pi R along it
+        apart = np.linalg.norm(places - places[block, None], axis=-1)
+        first, second = np.nonzero(far & (apart < (radii + radii[block, None]) * (1.0 - 1e-9)))
+        if first.size:
+            meet = f"{t[i + first[0]]:.4g} and {t[second[0]]:.4g} mm"
+            allowed = "a centre line that stays clear of itself, its straight ends included"
+            hint = f"It meets itself at arc lengths {meet}. Shorten it."
+            raise InvalidInput(name, f"{line.length:.4g} mm long", allowed, hint)
+
+
+def straight_parts(what: str, given: ArrayLike, sizes: Array, bends: Array, turns: Array) -> Array:
+    """What arcs of these radii in the corners leave of the lines from point to point, (k - 1,) [mm].
+
+    Args:
+        what, given: the radii as a caller gave them, for the message. sizes: lengths of the lines, (k - 1,) [mm].
+        bends, turns: radius [mm] and angle [rad] of every corner, (k - 2,).
+    Raises:
+        InvalidInput: arcs that do not fit.
+    """
+    # Length of the straight line that an arc replaces on both sides of its corner
+    cuts = np.concatenate([[0.0], bends * np.tan(0.5 * turns), [0.0]])
+    straight = sizes - cuts[:-1] - cuts[1:]
+    if not bool((straight >= -1e-9 * sizes).all()):
+        line = int(np.argmin(straight / sizes))
+        allowed = f"arcs that fit on the line from point {line} to point {line + 1}, {sizes[line]:.4g} mm long"
+        needed = f"They take {cuts[line] + cuts[line + 1]:.4g} mm of it."
+        raise InvalidInput(what, given, allowed, needed)
+    return straight
 
 
 def _divided(borders: Array, bends: NDArray[np.bool_], count: int) -> Array:
@@ -272,7 +312,7 @@ def _distance(profile: Profile, line: Surface, arcs: Array) -> float:
     return float(np.hypot(*(exact.point(s) - exact.point(low) - line.point(s - low)).T).max())
 
 
-def _numbers(what: str, values: ArrayLike) -> Array:
+def numbers_of(what: str, values: ArrayLike) -> Array:
     """A row of numbers that solvers take, (k,)."""
     allowed = "a list of finite numbers"
     array = as_floats(what, values, allowed)
@@ -281,7 +321,7 @@ def _numbers(what: str, values: ArrayLike) -> Array:
     return array
 
 
-def _radii(what: str, values: ArrayLike, count: int | None = None, each: str = "") -> Array:
+def radii_of(what: str, values: ArrayLike, count: int | None = None, each: str = "") -> Array:
     """Positive numbers, `count` of them or one for all; for no count one stands for two, and there are at least two."""
     more = "two or more" if count is None else f"{count}, one per {each}"
     allowed = f"one positive number, or {more} [mm]"

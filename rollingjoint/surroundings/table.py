@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.checks import as_boolean
 from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.spatial_walls import SpatialWalls
 from rollingjoint.kernels.walls import N_LAW, Walls
 from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.outline import Bare, HasSurfaces, Outline, Sleeve
+from rollingjoint.surroundings.tube import Tube
 from rollingjoint.surroundings.walls import (
     Capsule,
     Disc,
     HalfPlane,
+    Plane,
     Polygon,
     Row,
+    Sphere,
     Wall,
     WallFriction,
     checked_wall_friction,
@@ -28,8 +32,12 @@ from rollingjoint.surroundings.walls import (
 Array = NDArray[np.float64]
 
 WALLS = (HalfPlane, Disc, Capsule, Polygon, Lumen)
+SPATIAL_WALLS = (Plane, Sphere, Capsule, Tube)
+_KINDS = tuple(dict.fromkeys((*WALLS, *SPATIAL_WALLS)))
 _NO_FRICTION = WallFriction(0.0)
-_WIDTHS = {"planes": 3, "discs": 3, "capsules": 5, "pieces": 8, "lumens": 0}  # without law or number of the lumen
+# Columns of tables without law or number of the lumen or tube
+_WIDTHS = {"planes": 3, "discs": 3, "capsules": 5, "pieces": 8, "lumens": 0}
+_SPATIAL_WIDTHS = {"planes": 4, "capsules": 7, "pieces": 13, "tubes": 0}
 
 
 class HasLinks(Protocol):
@@ -42,15 +50,17 @@ class HasLinks(Protocol):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Walls around a planar chain, and the outline with which its links touch them.
+    """Walls around a chain, and the outline with which its links touch them.
 
     Args:
-        walls: HalfPlane, Disc, Capsule, Polygon or Lumen, at least one; a chain has to be on the free side of each.
+        walls: HalfPlane, Disc, Capsule, Polygon or Lumen around a planar chain, Plane, Sphere, Capsule or Tube around
+            a chain in space, at least one; a chain has to be on the free side of each.
         outline: Sleeve or Bare; default: a sleeve with half the width of every link as its radius.
         friction: of walls without friction of their own; None: none.
         rigid: links cannot be pressed into walls, and stiffnesses have no effect.
     Raises:
-        InvalidInput: no walls, another kind of wall or outline, a toe of a rigid wall.
+        InvalidInput: no walls, walls of the plane beside walls in space, another kind of wall or outline, a toe of a
+            rigid wall.
     Source: docs/theory.md, section 12.
     """
 
@@ -60,15 +70,18 @@ class Surroundings:
     rigid: bool = False
 
     def __post_init__(self) -> None:
-        kinds = ", ".join(kind.__name__ for kind in WALLS[:-1]) + f" or {WALLS[-1].__name__}"
+        kinds = ", ".join(kind.__name__ for kind in _KINDS[:-1]) + f" or {_KINDS[-1].__name__}"
         if not isinstance(self.walls, Iterable) or isinstance(self.walls, str):
             raise InvalidInput("walls", self.walls, f"a list of {kinds}")
         object.__setattr__(self, "walls", tuple(self.walls))
         if not self.walls:
             raise InvalidInput("walls", self.walls, f"at least one {kinds}", "Leave the surroundings out for none.")
         for i, wall in enumerate(self.walls):
-            if not isinstance(wall, WALLS):
+            if not isinstance(wall, _KINDS):
                 raise InvalidInput(f"walls[{i}]", wall, kinds)
+            if wall.in_space != self.walls[0].in_space:
+                where = "in space" if self.walls[0].in_space else "of the plane"
+                raise InvalidInput(f"walls[{i}]", wall, f"a wall {where}, as walls[0]")
         if not isinstance(self.outline, Sleeve | Bare):
             raise InvalidInput("outline", self.outline, "a Sleeve or Bare", "Sleeve(5.0) has a radius of 5 mm.")
         checked_wall_friction(self.friction)
@@ -78,37 +91,47 @@ class Surroundings:
                 raise InvalidInput(f"walls[{i}] toe", wall.toe, "0 for rigid walls", "Or leave rigid=True out.")
 
     @property
+    def dimension(self) -> int:
+        """2 around planar chains, 3 in space."""
+        return 3 if self.walls[0].in_space else 2
+
+    @property
     def has_friction(self) -> bool:
         """True if any wall rubs."""
         return any(self._friction(wall).mu > 0.0 for wall in self.walls)
 
-    def arrays_of(self, chain: object) -> Walls | None:
+    def arrays_of(self, chain: object) -> Walls | SpatialWalls | None:
         """The arrays for a chain from the last call of `arrays`; None where that was another chain."""
-        before: tuple[HasLinks, Walls] | None = self.__dict__.get("_arrays")
+        before: tuple[object, Walls | SpatialWalls] | None = self.__dict__.get("_arrays")
         return before[1] if before is not None and before[0] is chain else None
 
-    def arrays(self, chain: HasLinks) -> Walls:
-        """The arrays of kernels for a planar chain, with a leading axis of 1; kept for the next call.
+    def arrays(self, chain: Any) -> Any:
+        """The arrays of kernels for a chain, Walls or SpatialWalls, with a leading axis of 1; kept for the next call.
 
+        Args:
+            chain: with links as HasLinks has them, or for walls in space a chain of outline.HasAxes.
         Raises:
             InvalidInput: links that the outline does not fit.
         """
         kept = self.arrays_of(chain)
         if kept is not None:
             return kept
-        outline = self.outline.rows(chain.links)
-        tables: dict[str, list[Row]] = {name: [] for name in _WIDTHS}
+        in_space = self.dimension == 3
+        outline = self.outline.rows_in_space(chain) if in_space else self.outline.rows(chain.links)
+        widths = _SPATIAL_WIDTHS if in_space else _WIDTHS
+        tables: dict[str, list[Row]] = {name: [] for name in widths}
         for wall in self.walls:
             law = self._law(wall)
-            number = len(tables["lumens"])
+            number = len(tables["tubes" if in_space else "lumens"])
             for name, rows in wall.rows().items():
                 tables[name] += [(*row, number) if name == "pieces" else (*row, *law) for row in rows]
         arrays = {
-            name: np.array(rows, float).reshape(-1, _WIDTHS[name] + (1 if name == "pieces" else N_LAW))
+            name: np.array(rows, float).reshape(-1, widths[name] + (1 if name == "pieces" else N_LAW))
             for name, rows in tables.items()
         }
         columns = {"points": outline.points, "bars": outline.bars, **arrays, "rigid": np.array(float(self.rigid))}
-        walls = Walls(**{name: np.ascontiguousarray(array[None]) for name, array in columns.items()})
+        kind: Any = SpatialWalls if in_space else Walls
+        walls = kind(**{name: np.ascontiguousarray(array[None]) for name, array in columns.items()})
         for array in walls:
             array.setflags(write=False)
         object.__setattr__(self, "_arrays", (chain, walls))

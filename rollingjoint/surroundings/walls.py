@@ -1,4 +1,4 @@
-"""Walls of constant shape: half planes, discs, capsules and polygons, and the law by which a wall presses and rubs.
+"""Walls of constant shape, in the plane and in space, and the law by which a wall presses and rubs.
 
 Source: docs/theory.md, section 12.
 """
@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,12 @@ from rollingjoint.kernels.arrays import LARGEST_INPUT
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
+Triple = tuple[float, float, float]
 Row = tuple[float, ...]
 
 LARGEST_WALL_FRICTION = 1.0
 STIFFNESSES = (1e-6, 1e6)  # N/mm
+_UNIT = 1e-14  # rounding error of the length of a unit vector
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class Wall(ABC):
     Raises:
         InvalidInput: a number that is not in its range.
     """
+
+    in_space: ClassVar[bool] = False  # else in the plane; a Capsule says of itself which
 
     stiffness: float = 1.0
     toe: float = 0.0
@@ -150,6 +155,60 @@ class HalfPlane(Boundary):
 
 
 @dataclass(frozen=True)
+class Plane(Boundary):
+    """A flat wall in space: points x with normal · x >= offset are free.
+
+    Args:
+        normal: (x, y, z), towards the free side; of any length, it is scaled to 1.
+        offset: distance of the wall from the origin along the normal [mm].
+        stiffness, stiffness_per_length, toe, friction: of `Boundary`.
+    Raises:
+        InvalidInput: a normal of length 0, a number that is not finite.
+    """
+
+    in_space: ClassVar[bool] = True
+
+    normal: Triple
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "normal", as_direction("Plane normal", self.normal))
+        object.__setattr__(self, "offset", as_coordinate("Plane offset", self.offset))
+
+    def rows(self) -> Mapping[str, Sequence[Row]]:
+        """One plane."""
+        return {"planes": [(*self.normal, self.offset)]}
+
+
+@dataclass(frozen=True)
+class Sphere(Wall):
+    """A round obstacle in space.
+
+    Args:
+        centre: (x, y, z) [mm].
+        radius: above 0 [mm].
+        stiffness, toe, friction: of `Wall`.
+    Raises:
+        InvalidInput: a radius that is not positive, a number that is not finite.
+    """
+
+    in_space: ClassVar[bool] = True
+
+    centre: Triple
+    radius: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "centre", as_place("Sphere centre", self.centre))
+        object.__setattr__(self, "radius", as_positive("Sphere radius", self.radius, "a number above 0 [mm]"))
+
+    def rows(self) -> Mapping[str, Sequence[Row]]:
+        """A capsule of length 0."""
+        return {"capsules": [(*self.centre, *self.centre, self.radius)]}
+
+
+@dataclass(frozen=True)
 class Disc(Wall):
     """A round obstacle.
 
@@ -179,25 +238,34 @@ class Capsule(Wall):
     """A straight obstacle with round ends: all points within a radius of the line between two points.
 
     Args:
-        first, second: ends of the line, (x, y) [mm].
+        first, second: ends of the line, (x, y), or (x, y, z) for a capsule in space [mm].
         radius: 0 or more [mm].
         stiffness, toe, friction: of `Wall`.
     Raises:
-        InvalidInput: ends in one place, a negative radius, a number that is not finite.
+        InvalidInput: ends in one place, one in the plane and one in space, a negative radius, a number that is not
+            finite.
     """
 
-    first: Pair
-    second: Pair
+    first: Pair | Triple
+    second: Pair | Triple
     radius: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        size = np.size(self.first) if np.ndim(self.first) == 1 else 2
         for name in ("first", "second"):
-            object.__setattr__(self, name, as_point(f"Capsule {name}", getattr(self, name)))
+            as_end = as_place if size == 3 else as_point
+            object.__setattr__(self, name, as_end(f"Capsule {name}", getattr(self, name)))
         if self.first == self.second:
-            raise InvalidInput("Capsule second", self.second, f"another point than first = {self.first}", "Use a Disc.")
+            use = f"Use a {'Sphere' if size == 3 else 'Disc'}."
+            raise InvalidInput("Capsule second", self.second, f"another point than first = {self.first}", use)
         allowed = "a number, 0 or more [mm]"
         object.__setattr__(self, "radius", as_number("Capsule radius", self.radius, 0.0, allowed=allowed))
+
+    @property
+    def in_space(self) -> bool:  # type: ignore[override]
+        """Whether its ends are points of space."""
+        return len(self.first) == 3
 
     def rows(self) -> Mapping[str, Sequence[Row]]:
         """One capsule."""
@@ -264,13 +332,37 @@ def as_point(what: str, values: object) -> Pair:
     return x, y
 
 
+def as_place(what: str, values: object) -> Triple:
+    """Three numbers that solvers take."""
+    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or np.shape(values) != (3,):
+        raise InvalidInput(what, values, "three numbers (x, y, z) [mm]")
+    x, y, z = (as_coordinate(what, value) for value in values)
+    return x, y, z
+
+
+def as_direction(what: str, values: object) -> Triple:
+    """Three numbers, scaled to a vector of length 1."""
+    x, y, z = as_place(what, values)
+    length = math.hypot(x, y, z)
+    if length == 0.0:
+        raise InvalidInput(what, values, "a direction other than (0, 0, 0)")
+    length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
+    return x / length, y / length, z / length
+
+
 def as_points(what: str, values: object, least: int) -> tuple[Pair, ...]:
     """Pairs of numbers, at least so many."""
-    allowed = f"at least {least} points (x, y) [mm]"
+    return tuple((float(x), float(y)) for x, y in point_array(what, values, least, "(x, y)"))
+
+
+def point_array(what: str, values: object, least: int, each: str = "(x, y, z)") -> Array:
+    """Points of the plane or of space, at least so many, (k, 2 or 3)."""
+    allowed, size = f"at least {least} points {each} [mm]", each.count(",") + 1
     array = as_floats(what, values, allowed)
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) < least or not bool((np.abs(array) <= LARGEST_INPUT).all()):
+    fits = array.ndim == 2 and array.shape[1] == size and len(array) >= least
+    if not fits or not bool((np.abs(array) <= LARGEST_INPUT).all()):
         raise InvalidInput(what, values, allowed)
-    return tuple((float(x), float(y)) for x, y in array)
+    return array
 
 
 def _cross(a: Pair, b: Pair, c: Pair, d: Pair) -> bool:

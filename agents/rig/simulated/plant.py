@@ -55,6 +55,10 @@ class Plant:
         """Motors go to q on a straight way; tendons follow through the play."""
         self.p, self.q = play_step(self.p, q, self.half), np.array(q, float)
 
+    def carry(self, loads: Sequence[Load]) -> None:
+        """Put other loads on the mechanism, where it stands."""
+        self.loads, self._solved = loads, None
+
     def settle(self) -> Any:
         """The equilibrium."""
         key = self.p.tobytes()

@@ -18,16 +18,15 @@ from agents.controllers.mpc import (
     Planner,
     PlanStart,
     PrivilegedMpc,
-    SmootherMpc,
 )
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.steps import FeedbackSettings
-from agents.controllers.tuned import _mpc_in
+from agents.controllers.tuned import _mpc_in, tuned_controllers
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import registered_settings, task_of
 from rollingjoint import WorldForce, solve_tensions_batch
-from rollingjoint.errors import ConfigError, InvalidInput
+from rollingjoint.errors import ConfigError
 
 SEEDS = range(5_000_000, 5_000_016)
 MOVING = {"episode_steps": 100, "target": {"process": "path"}, "load": {"magnitude": [0.0, 1.0]}}
@@ -151,10 +150,15 @@ def test_it_plans_on_filters_and_on_smoothers() -> None:
     assert mean_error(_mpc_in("rj_gym/Instrument-v0", "smoother")({}), {}, "rj_gym/Instrument-v0") < 1.0
 
 
-def test_arms_have_predictive_control_from_filters_alone() -> None:
-    task = task_of(registered_settings("rj_gym/ArmInstrument-v0", {}))
-    with pytest.raises(InvalidInput, match="Arms have FilterMpc"):
-        SmootherMpc().bind(task)
+@pytest.mark.slow
+def test_arms_are_planned_on_the_fit_of_their_smoother() -> None:
+    arm, seeds = "rj_gym/ArmInstrument-v0", range(5_000_000, 5_000_016)
+    plans = _mpc_in(arm, "smoother")({"mpc": {"solves": 8}, "feedback": {"gain": 0.8, "damping": 0.2, "stiffen": 0.1}})
+    errors = [
+        run_episodes(EnvConfig(arm), controller, seeds).last_errors.mean()
+        for controller in (plans, tuned_controllers(arm)["smoother"])
+    ]
+    assert errors[0] < errors[1] < 2.5
 
 
 def test_rolling_joints_in_space_reach_their_targets() -> None:

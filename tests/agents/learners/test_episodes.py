@@ -11,9 +11,11 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from agents.learners.episodes import DifferentiableEpisodes
+from agents.learners.feed_forward import FeedForwardActor
 from agents.learners.motion import MotionTape, Motors, Readings
 from agents.learners.recurrent import RecurrentActor
 from agents.learners.tape import StepTape, Tape
+from rj_gym.core.task import ObservedError
 from tests.agents.learners.checks import Player
 
 STEPS, LANES = 12, 6
@@ -172,6 +174,19 @@ def test_gradients_by_hand_through_a_memory_are_those_of_torch() -> None:
     by_hand, by_torch = (_gradients(tape, x, weights) for tape in (actor.tape(9, 4), StepTape(actor)))
     for ours, theirs in zip(by_hand, by_torch, strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("error", [None, ObservedError((4, 1), 5.0)])
+def test_gradients_by_hand_without_memory_are_those_of_torch(error: ObservedError | None) -> None:
+    """Of a linear head, and of actions that vanish with the error, here with entries of the error near 0, too."""
+    torch.manual_seed(0)
+    actor, x, weights = FeedForwardActor(5, 3, (16, 8), error=error), torch.randn(9, 4, 5), torch.randn(9, 4, 3)
+    x[2] *= 1e-3
+    tapes = actor.tape(9, 4), StepTape(actor)
+    assert not isinstance(tapes[0], StepTape)
+    for ours, theirs in zip(*(_gradients(tape, x, weights) for tape in tapes), strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+    assert isinstance(FeedForwardActor(5, 3, (16, 8), torch.nn.ReLU).tape(9, 4), StepTape)
 
 
 def test_episodes_by_hand_have_the_gradients_of_torch() -> None:

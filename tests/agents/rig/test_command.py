@@ -57,6 +57,12 @@ def test_check_home_bench_identify_replay_and_drive_follow_each_other(rig, capsy
     assert read_recording("drive.jsonl").header["policy"] == "instrument"
 
 
+def test_a_reboot_forgets_the_zero(rig, capsys):
+    assert main(["home", "rig.yaml"]) == 0 and Path("rig.calibration.json").exists()
+    assert main(["reboot", "rig.yaml", "--id", "2"]) == 0
+    assert "rj rig home rig.yaml" in capsys.readouterr().out and not Path("rig.calibration.json").exists()
+
+
 def test_a_wrong_sign_is_found_before_anything_is_kept(rig, monkeypatch, capsys):
     from agents.rig.simulated import bus
 
@@ -144,6 +150,10 @@ def test_errors_of_ports_and_of_simulated_arms_name_the_key(rig, capsys):
         (["bench", "rig.yaml", "--bend", "nan", "--out", "x.jsonl"], "--bend = nan"),
         (["bench", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
         (["drive", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
+        (["drive", "rig.yaml", "--target", "500", "500", "--out", "x.jsonl"], "the nearest place found is ("),
+        (["drive", "rig.yaml", "--target", "nan", "70", "--out", "x.jsonl"], "--target = [nan, 70.0]"),
+        (["drive", "rig.yaml", "--policy", "late_pose", "--out", "x.jsonl"], 'sensing.pose "none"'),
+        (["reboot", "rig.yaml", "--id", "7"], "a motor of the rig: [1, 2]"),
     ],
 )
 def test_options_are_checked_before_anything_moves(rig, capsys, words, said):

@@ -300,6 +300,7 @@ def test_rates_with_contact_are_differences_of_steps():
         ({"noise": {"angle": -1}}, "noise.angle"),
         ({"feed_range": (5, 1)}, "feed_range"),
         ({"feed_range": (0, 0)}, "feed_range"),
+        ({"feed_range": (10, 75)}, "feed_range.*from 0"),
         ({"mechanism": 5}, "mechanism"),
     ],
 )

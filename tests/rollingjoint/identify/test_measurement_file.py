@@ -59,7 +59,7 @@ def test_everything_in_a_file_is_read():
         ("tensions: [3, 6], ", "", "run A, step 0: tensions of a step = None: expected tensions, which were given"),
         ("tip: [1, 80]", "tip: [1, 80, 3]", r"runs.A\[0\].tip.*2 numbers, or null"),
         ("[null, [0, 20]", "[[0, 20]", r"runs.A\[1\].positions.*5 rows"),
-        ("positions: [", "tip: [1, 2], positions: [", "one of poses, positions and tip"),
+        ("positions: [", "tip: [1, 2], positions: [", "one of poses, positions, tip and photograph"),
         ("forces: [[-1, 0.1, 0]]", "forces: [[-1, 0.1]]", "a link and 2 numbers"),
         ("forces: [[-1,", "forces: [[7,", "an integer from -5 to 4"),
         ("{lengths: [92, 96]}", "{lengths: [92, 96], tensions: [1, 1]}", "either tensions or lengths"),

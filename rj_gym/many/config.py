@@ -1,0 +1,117 @@
+"""Settings of tracking with many mechanisms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+from rj_gym.core.settings import Settings
+from rj_gym.many.designs import MOST_LINKS, DrawnDesigns, plain_space
+from rj_gym.tracking.config import TrackingConfig
+from rj_gym.tracking.terms import Terms
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import ConfigError
+from rollingjoint.io.mechanism_file import mechanism_to_dict
+
+LARGEST_NUMBER = 2**31
+"""Designs have numbers below this."""
+
+
+@dataclass(frozen=True)
+class MechanismsConfig(Settings):
+    """The mechanisms from which episodes draw.
+
+    Design k is always the same: its number of links, uniform over `links`, and a valid design of the space with that
+    number of links, uniform in the space's box, come from a random generator with the seed k. So designs for
+    training, for choosing and for tests are ranges that do not overlap.
+
+    Args:
+        space: the designs: fields of rollingjoint.design.DesignSpace but n_links, a dictionary or a DesignSpace; by
+            default links need not be symmetric.
+        links: fewest and most links, the base included, 2 to 16.
+        designs: numbers of the designs, (first, last + 1); an episode draws one of them uniformly.
+    Raises:
+        ConfigError: a value that cannot be used, with the allowed ones.
+    """
+
+    _SECTION: ClassVar[str] = "mechanisms."
+    space: Mapping[str, Any] = field(default_factory=lambda: {"symmetric": False})
+    links: tuple[int, int] = (3, 8)
+    designs: tuple[int, int] = (0, 256)
+
+    def __post_init__(self) -> None:
+        self._set("space", plain_space(self.space))
+        self._set("links", _whole_range("mechanisms.links", self.links, 2, MOST_LINKS, 0))
+        self._set("designs", _whole_range("mechanisms.designs", self.designs, 0, LARGEST_NUMBER, 1))
+
+    @property
+    def drawn(self) -> DrawnDesigns:
+        """The designs."""
+        return DrawnDesigns.of(self.space, self.links)
+
+
+@dataclass(frozen=True)
+class ManyMechanismsConfig(TrackingConfig):
+    """Everything that defines tracking with many mechanisms: the fields of TrackingConfig, see there, and one more.
+
+    Mechanisms differ by their designs alone: without friction, without randomised surfaces and stiffnesses, without
+    own terms.
+
+    Args:
+        mechanism: not to be set; of the task it is the plain chain with the most links, after which entries are named.
+        mechanisms: a MechanismsConfig or a dictionary of its fields.
+    Raises:
+        ConfigError: a value out of range, with the range.
+    """
+
+    _NESTED: ClassVar[dict[str, type[Settings]]] = TrackingConfig._NESTED | {"mechanisms": MechanismsConfig}
+    mechanism: Any = ""
+    mechanisms: MechanismsConfig = field(default_factory=MechanismsConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_mechanism()
+        spreads = ("stiffness_spread", "link_tolerance_mm", "link_tolerance_rad")
+        for name in spreads:
+            if getattr(self.randomization, name) > 0.0:
+                hint = "Mechanisms differ by their designs, in `mechanisms`."
+                raise ConfigError(f"randomization.{name}", getattr(self.randomization, name), "0", hint)
+        if self.friction is not None:
+            hint = "Friction of tendons is a setting of environments with one mechanism."
+            raise ConfigError("friction", self.friction, "None with many mechanisms", hint)
+        if self.terms != Terms():
+            raise ConfigError("terms", "own functions", "none with many mechanisms", "Write a wrapper of Gymnasium.")
+
+    def _check_mechanism(self) -> None:
+        """Raise ConfigError for a mechanism other than the longest plain chain of the space, or none."""
+        if self.mechanism == "":
+            return
+        given, reference = self.mechanism, self.mechanisms.drawn.reference(self.mechanisms.links[1])
+        if isinstance(given, str) or _numbers(given) != _numbers(reference):
+            hint = "rj_gym/RollingJoint-v0 has one mechanism."
+            raise ConfigError("mechanism", given, "'': mechanisms come from `mechanisms`", hint)
+        self._set("mechanism", reference)
+
+    def of_one(self, mechanism: Any) -> TrackingConfig:
+        """The settings of RollingJoint with this mechanism, and all else as here."""
+        values = {entry.name: getattr(self, entry.name) for entry in fields(TrackingConfig)}
+        return TrackingConfig(**values | {"mechanism": mechanism})
+
+
+def _numbers(mechanism: Any) -> dict[str, Any]:
+    """A mechanism as plain values, without its name."""
+    return mechanism_to_dict(mechanism) | {"name": ""}
+
+
+def _whole_range(what: str, value: Any, low: int, high: int, apart: int) -> tuple[int, int]:
+    """Two whole numbers (first, last) within [low, high], the last at least `apart` above; ConfigError for others."""
+    allowed = f"two whole numbers from {low} to {high}, the second {'above' if apart else 'not below'} the first"
+    try:
+        first, last = value
+    except (TypeError, ValueError):
+        raise ConfigError(what, value, allowed) from None
+    pair = tuple(as_integer(what, number, low, high, allowed=allowed, error=ConfigError) for number in (first, last))
+    if pair[1] - pair[0] < apart:
+        raise ConfigError(what, value, allowed)
+    return pair[0], pair[1]

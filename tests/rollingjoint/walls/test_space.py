@@ -1,0 +1,285 @@
+"""Walls around chains in space: against energies in plain NumPy, planar scenes, balances, and closed cycles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import rollingjoint as rj
+from rollingjoint.chain import se3
+from rollingjoint.surroundings import walls_through
+from tests.attack.around_space import Recomputed, frame_of
+
+ARM = rj.small_arm()
+REST = ARM.neutral_lengths - 2.0 / ARM.stiffnesses
+LIMITS = (0.5, 30.0)
+BASE = (0.4, -0.3, 0.5, 0.03, -0.02, 0.04)
+COMMAND = REST + np.array([-4.0, -2.0, 4.0, 2.0])
+TUBE = rj.Tube.through([(0, 0, -60), (0, 0, 30), (6, 3, 60), (2, 8, 110)], [17, 17, 16, 17], 40.0, stiffness=2.0)
+SCENES = {
+    "plane": [rj.Plane((-0.8, -0.6, 0.05), -16.0, stiffness=2.0, toe=0.5)],
+    "sphere": [rj.Sphere((19.0, 14.5, 62.0), 8.0, stiffness=2.0)],
+    "capsule": [rj.Capsule((26.0, -9.0, 40.0), (14.0, 31.0, 70.0), 4.0, stiffness=2.0)],
+    "tube": [TUBE],
+}
+ALL = [wall for walls in SCENES.values() for wall in walls]
+
+
+def around(name, mu=0.0, presliding=0.05, outline=None, **settings):
+    friction = rj.WallFriction(mu, presliding) if mu else None
+    walls = ALL if name == "all" else SCENES[name]
+    return rj.Surroundings(walls, outline or rj.Sleeve(15.0), friction, **settings)
+
+
+def solved(walls, command=COMMAND, base=BASE, chain=ARM, **more):
+    return rj.solve_lengths(chain, command, surroundings=walls, base=base, tension_limits=LIMITS, **more).require()
+
+
+def differences(function, at, step):
+    """d function / d at by central differences, (..., at)."""
+    ends = [[function(at + sign * step * e) for sign in (1.0, -1.0)] for e in np.eye(len(at))]
+    return np.stack([(np.asarray(high) - np.asarray(low)) / (2.0 * step) for high, low in ends], axis=-1)
+
+
+@pytest.mark.parametrize("outline", [None, rj.Bare(2.0, 3, 5)], ids=["sleeve", "bare"])
+@pytest.mark.parametrize("name", [*SCENES, "all"])
+def test_an_equilibrium_is_a_minimum_of_an_energy_in_numpy(name, outline):
+    walls = around(name, outline=outline)
+    equilibrium = solved(walls)
+    assert equilibrium.wall_contacts or (outline is not None and name in ("sphere", "capsule"))  # bare links are slim
+    energy = Recomputed(ARM, walls, COMMAND, LIMITS, BASE)
+    angles = np.array(equilibrium.joint_angles)
+    np.testing.assert_allclose(equilibrium.wall_gaps, energy.gaps(angles), atol=1e-10)
+    assert np.abs(energy.residual(angles)).max() < 2e-6
+    found = minimize(energy.energy, angles + 0.01 * np.array([1, -1, 1, -1]), method="BFGS", options={"gtol": 1e-6})
+    tip = (frame_of(BASE) @ ARM.poses(found.x))[-1, :3, 3]
+    np.testing.assert_allclose(tip, (frame_of(BASE) @ equilibrium.poses)[-1, :3, 3], atol=2e-4)
+    assert found.fun > energy.energy(angles) - 1e-9
+
+
+@pytest.mark.parametrize("name", [*SCENES, "all"])
+def test_stiffness_and_motion_of_the_base_are_derivatives_of_the_moments(name):
+    walls = around(name)
+    equilibrium = solved(walls)
+    again = Recomputed(ARM, walls, COMMAND, LIMITS, BASE)
+    angles = np.array(equilibrium.joint_angles)
+    H = differences(again.residual, angles, 2e-5)
+    np.testing.assert_allclose(equilibrium.stiffness, H, atol=2e-6 * np.abs(H).max())
+    base = frame_of(BASE)
+
+    def displaced(twist):  # of the base in its own frame
+        pose = base @ frame_of(twist)
+        vector = np.concatenate([pose[:3, 3], se3.rotation_vector(pose[:3, :3])])
+        return Recomputed(ARM, walls, COMMAND, LIMITS, vector)
+
+    S = differences(lambda twist: displaced(twist).residual(angles), np.zeros(6), 2e-5)
+    np.testing.assert_allclose(equilibrium.base_torques, S, atol=5e-6 * np.abs(S).max())
+
+    def force(numbers):  # of all walls, in the frame of the base
+        case = displaced(numbers[4:])
+        total = sum(wrench[:3] for *_, wrench in case.contacts(numbers[:4]))
+        return frame_of(case.base)[:3, :3].T @ total
+
+    F = differences(force, np.concatenate([angles, np.zeros(6)]), 2e-5)
+    np.testing.assert_allclose(equilibrium.wall_force_rates, F, atol=1e-5 * np.abs(F).max())
+
+
+def steps_with_friction(name, presliding, count=3, mu=0.3):
+    """Walls, and every step of a path: command, base, equilibrium, and the one before it."""
+    walls, rng = around(name, mu, presliding), np.random.default_rng(5)
+    command, base = COMMAND.copy(), np.array(BASE)
+    before, steps = solved(walls), []
+    for _ in range(count):
+        command = command + rng.uniform(-0.4, 0.4, 4)
+        base = base + np.concatenate([rng.uniform(-0.1, 0.1, 3), rng.uniform(-0.01, 0.01, 3)])
+        after = solved(walls, command, base, history=before)
+        steps.append((command, base, after, before))
+        before = after
+    return walls, steps
+
+
+def past_of(before):
+    memory = before.walls.memory
+    states = np.zeros((*np.shape(before.walls.normals), 3)) if memory is None else memory.states
+    return frame_of(before.walls.base) @ before.poses, states
+
+
+@pytest.mark.parametrize("name", [*SCENES, "all"])
+def test_a_step_with_friction_is_in_balance_and_its_stiffness_a_derivative(name):
+    walls, steps = steps_with_friction(name, 0.4)
+    rubbed = 0
+    for command, base, after, before in steps:
+        again, angles = Recomputed(ARM, walls, command, LIMITS, base, past_of(before)), np.array(after.joint_angles)
+        assert np.abs(again.residual(angles)).max() < 2e-6
+        for c, _, state, _ in again.contacts(angles):
+            np.testing.assert_allclose(after.walls.states[c], state, atol=1e-7)
+        rubbed += sum(touch.state > 0.01 for touch in after.wall_contacts)
+        if before.walls.memory is None:
+            continue
+        begun = replace(after, walls=replace(after.walls, memory=before.walls.memory))
+        A = differences(again.residual, angles, 5e-6)
+        np.testing.assert_allclose(begun.stiffness, A, atol=1e-4 * np.abs(A).max())
+        assert np.abs(A - A.T).max() > 1e-4 * np.abs(A).max()
+    assert rubbed
+
+
+def flat_pair():
+    """A planar chain, and the same chain in the plane y = 0 of space."""
+    flat = rj.two_segment(3, 2, height=10.0, radius=7.0, half_width=5.0)
+    pairs = zip(flat.links[:-1], flat.links[1:], strict=True)
+    joints = [rj.RollingContact(0.0, parent=above.parent, child=below.child, half_width=2.0) for below, above in pairs]
+    tendons = [
+        rj.SpaceTendon([((a, 0.0, b), (c, 0.0, d)) for (a, b), (c, d) in holes], tendon.end, tendon.stiffness)
+        for tendon, holes in zip(flat.tendons, flat.hole_points, strict=True)
+    ]
+    space = rj.SpatialChain(joints, tendons)
+    top = space.link_axes.copy()
+    top[-1, 1, 2] = flat.links[-1].child.start[1]  # not its highest hole
+    space.__dict__["link_axes"] = top
+    return flat, space
+
+
+PLANAR = {
+    "plane": ([rj.HalfPlane((1, 0.2), -9.0, stiffness=2.0)], [rj.Plane((1, 0, 0.2), -9.0, stiffness=2.0)], 1.0),
+    "sphere": ([rj.Disc((12, 40), 5.0, stiffness=2.0)], [rj.Sphere((12, 0, 40), 5.0, stiffness=2.0)], -1.0),
+    "tube": (
+        [rj.Lumen.through([(0, -40), (0, 20), (-20, 50), (-20, 90)], [6.5, 6.5, 6, 6], 30.0)],
+        [rj.Tube.through([(0, 0, -40), (0, 0, 20), (-20, 0, 50), (-20, 0, 90)], [6.5, 6.5, 6, 6], 30.0)],
+        1.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+@pytest.mark.parametrize("name", PLANAR)
+def test_a_planar_scene_has_the_planar_equilibria(name, mu):
+    """To rounding without friction, and at flat walls; friction at round ones acts at another depth of the wall."""
+    flat, space = flat_pair()
+    in_plane, in_space, side = PLANAR[name]
+    friction, rest = rj.WallFriction(mu) if mu else None, flat.neutral_lengths - 2.0 / flat.stiffnesses
+    walls = [rj.Surroundings(items, rj.Sleeve(4.5), friction) for items in (in_plane, in_space)]
+    before, contacts = [None, None], 0
+    for share in np.linspace(0.0, 1.0, 11):
+        command = rest + share * side * np.array([-3.0, 3.0, -3.0, 3.0])
+        feed = -15.0 + 20.0 * share if name == "tube" else 0.0
+        for which, (chain, base) in enumerate(((flat, (0, feed, 0)), (space, (0, 0, feed)))):
+            kept = {"history" if mu and before[which] is not None else "start": before[which]}
+            before[which] = rj.solve_lengths(
+                chain, command, tension_limits=(0.5, 15.0), surroundings=walls[which], base=base, **kept
+            ).require()
+        planar, spatial = before
+        contacts += len(planar.wall_contacts)
+        near = 1e-9 if mu == 0.0 or name == "plane" else 0.03
+        np.testing.assert_allclose(spatial.tip[[0, 2]], planar.tip, atol=near)
+        np.testing.assert_allclose(spatial.wall_forces[:, [0, 2]], planar.wall_forces[:, :2], atol=near)
+        assert spatial.insertion_force == pytest.approx(planar.insertion_force, abs=near)
+        assert np.abs(spatial.poses[:, 1, 3]).max() < 1e-9
+    assert contacts > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.1, 0.3])
+def test_what_a_closed_cycle_loses_is_the_work_of_motors_and_feed(mu):
+    steps, turn = 160, 2.0 * np.pi * np.arange(321) / 160
+    waves = np.stack([np.sin(turn), np.cos(turn), -np.sin(turn), -np.cos(turn)], axis=1)
+    bases = np.zeros((turn.size, 3))
+    bases[:, 2] = -7.5 * (1.0 - np.cos(turn))
+    path = rj.trace(ARM, REST + waves, tension_limits=LIMITS, surroundings=around("tube", mu), base=bases, history=None)
+    assert path.ok.all()
+    last = slice(steps, 2 * steps + 1)
+    lost = path.dissipated_work[steps + 1 :].sum()
+    commands, tensions = (REST + waves)[last], path.tensions[last]
+    work = -np.sum(0.5 * (tensions[1:] + tensions[:-1]) * np.diff(commands, axis=0))
+    force = path.insertion_force[last]
+    work += np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(bases[last, 2]))
+    assert lost > 0.5
+    assert work == pytest.approx(lost, rel=1e-2)
+
+
+def test_rigid_walls_keep_links_out():
+    walls = around("sphere", rigid=True)
+    equilibrium = solved(walls)
+    assert equilibrium.wall_contacts
+    for touch in equilibrium.wall_contacts:
+        assert abs(touch.gap) < 1e-9
+    stiff = [replace(wall, stiffness=1e4) for wall in SCENES["sphere"]]
+    near = solved(rj.Surroundings(stiff, rj.Sleeve(15.0)))
+    np.testing.assert_allclose(near.tip, equilibrium.tip, atol=1e-3)
+    narrow = rj.Surroundings([rj.Plane((1, 0, 0), -10.0), rj.Plane((-1, 0, 0), -10.0)], rj.Sleeve(15.0), rigid=True)
+    full = rj.solve_lengths(ARM, REST, surroundings=narrow, tension_limits=LIMITS)
+    assert full.status is rj.Status.NO_ROOM
+
+
+def test_a_step_through_a_rod_is_taken_in_parts_or_refused():
+    """The rod stands on the way of the tip from one side to the other."""
+    rod = rj.Capsule((0.0, -60.0, 70.0), (0.0, 60.0, 70.0), 1.0)
+    walls = rj.Surroundings([rod], rj.Sleeve(3.0))
+    way = np.array([12.0, 0.0, -12.0, 0.0])
+    left, right = REST - way, REST + way
+    before = solved(walls, left, (0, 0, 0))
+    side = np.sign(before.tip[0])
+    after = rj.solve_lengths(ARM, right, tension_limits=LIMITS, surroundings=walls, base=(0, 0, 0), start=before)
+    free = rj.solve_lengths(ARM, right, tension_limits=LIMITS)
+    assert np.sign(free.tip[0]) == -side
+    assert after.status is rj.Status.PASSED_THROUGH or after.walls.parts > 1
+    assert np.sign(after.tip[0]) == side
+    dragged = rj.Surroundings([replace(rod, first=(50.0, -60.0, 70.0), second=(50.0, 60.0, 70.0))])
+    assert walls_through(walls, dragged, before.positions) == [0]
+
+
+def test_a_batch_and_a_prepared_problem_are_the_single_solves():
+    walls = [around("sphere", 0.2), around("tube", 0.2)]
+    alone = [solved(each) for each in walls]
+    batch = rj.solve_lengths_batch(
+        ARM, np.tile(COMMAND, (2, 1)), tension_limits=LIMITS, surroundings=walls, base=np.tile(BASE, (2, 1))
+    )
+    following = rj.solve_lengths_batch(
+        ARM, np.tile(COMMAND + 0.1, (2, 1)), tension_limits=LIMITS, surroundings=walls, base=BASE, history=batch
+    )
+    for row, each in enumerate(alone):
+        next_one = solved(walls[row], COMMAND + 0.1, history=each)
+        for one, many in ((each, batch.row(row)), (next_one, following.row(row))):
+            for name in ("joint_angles", "poses", "wall_forces", "dissipated_work"):
+                assert np.array_equal(getattr(one, name), getattr(many, name)), name
+            assert [touch.candidate for touch in one.wall_contacts] == [t.candidate for t in many.wall_contacts]
+    problem = rj.prepare(ARM, tension_limits=LIMITS, surroundings=walls[0])
+    first = problem.solve(COMMAND, base=BASE)
+    assert np.array_equal(first.poses, alone[0].poses)
+    assert np.array_equal(problem.solve(COMMAND + 0.1, history=first, base=BASE).poses, following.row(0).poses)
+
+
+def test_a_long_arm_takes_its_steps_in_order_n():
+    beads = [rj.Bead(10.0, "x" if i % 2 else "y", 400.0, gap=4.0) for i in range(20)]
+    arm = rj.HingeChain(beads, [rj.BeadTendon([hole]) for hole in ((6.0, 0.0), (0.0, 6.0), (-6.0, 0.0), (0.0, -6.0))])
+    walls = rj.Surroundings([rj.Plane((-0.8, -0.6, 0.0), -11.0, stiffness=0.5)], rj.Sleeve(7.0))
+    command = arm.neutral_lengths - 2.0 / arm.stiffnesses + np.array([-5.0, -3.0, 5.0, 3.0])
+    equilibrium = solved(walls, command, (0, 0, 0), chain=arm)
+    assert len(equilibrium.wall_contacts) > 2
+    again = Recomputed(arm, walls, command, LIMITS, (0, 0, 0))
+    assert np.abs(again.residual(np.array(equilibrium.joint_angles))).max() < 1e-5
+
+
+def test_forces_of_contacts_add_up_to_those_on_links():
+    equilibrium = steps_with_friction("all", 0.05)[1][-1][2]
+    total = np.zeros((ARM.n_links, 6))
+    for touch in equilibrium.wall_contacts:
+        arm = touch.place - equilibrium.poses[touch.link][:3, 3]
+        total[touch.link] += [*touch.force_on_link, *np.cross(arm, touch.force_on_link)]
+        along = touch.force_on_link - touch.normal * (touch.normal @ touch.force_on_link)
+        assert np.linalg.norm(along) == pytest.approx(touch.friction, abs=0.02 * touch.force)
+    np.testing.assert_allclose(total, equilibrium.wall_forces, atol=1e-9)
+    assert equilibrium.insertion_force == pytest.approx(-total[:, 2].sum())
+
+
+def test_walls_of_the_wrong_dimension_are_refused():
+    with pytest.raises(rj.InvalidInput, match="Plane, Sphere, Capsule, Tube"):
+        rj.solve_lengths(ARM, REST, surroundings=rj.Surroundings([rj.Disc((0, 50), 5.0)]))
+    with pytest.raises(rj.InvalidInput, match="HalfPlane, Disc"):
+        rj.solve_lengths(rj.five_link(), rj.five_link().neutral_lengths, surroundings=around("sphere"))
+    with pytest.raises(rj.InvalidInput, match="a wall in space"):
+        rj.Surroundings([rj.Sphere((0, 0, 50), 5.0), rj.Disc((0, 50), 5.0)])
+    with pytest.raises(rj.InvalidInput, match="x, y, z"):
+        rj.solve_lengths(ARM, REST, surroundings=around("sphere"), base=(0, 0))
+    with pytest.raises(rj.InvalidInput, match="twice the rounding"):
+        rj.solve_lengths(ARM, REST, surroundings=around("sphere", outline=rj.Bare(14.0)))
