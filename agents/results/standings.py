@@ -54,8 +54,8 @@ class Standings:
 
     @property
     def baseline(self) -> str | None:
-        """The best controller that was not trained."""
-        return self._here(self.record.best(BASELINE))
+        """The best controller that was not trained, of those that drove in this world."""
+        return self.record.best(BASELINE, but=[name for name in self.record.names() if name not in self.names])
 
     def summary(self, name: str) -> Summary:
         """Mean, interquartile mean, median and 95th percentile of a controller's errors over the last 10 steps [mm]."""

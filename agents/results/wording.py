@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from statistics import mean
 from textwrap import fill
 
-from agents.results.record import BASELINE
 from agents.results.standings import FEEDBACK, Standings, Verdict
 from agents.results.statistics import Interval
 
@@ -25,9 +24,7 @@ _HEADS = {
 
 def verdict_text(standings: Standings) -> str:
     """Whether learning pays in this world, against the best opponent and Jacobian feedback, and by how much."""
-    policy, baseline, best = standings.policy, standings.baseline, standings.record.best(BASELINE)
-    if policy is not None and baseline is None and best is not None:
-        return f"No verdict: the best opponent of the validation episodes, {best}, cannot drive here."
+    policy, baseline = standings.policy, standings.baseline
     if standings.verdict == Verdict.UNKNOWN or policy is None or baseline is None:
         return "No verdict: it takes a trained controller and an opponent, both chosen in validation episodes."
     names = [baseline] + ([FEEDBACK] if FEEDBACK in standings.names and baseline != FEEDBACK else [])

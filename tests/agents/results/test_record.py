@@ -11,7 +11,7 @@ from agents.results import Results, ResultsError, read_results
 from agents.results.file import SCHEMA, write_results
 from agents.results.page import Tables, page, summary_table
 from agents.results.pictures import pictures
-from agents.results.record import BASELINE, ENTRY, POLICY, SHIFT, SWEEP, TEST, World
+from agents.results.record import BASELINE, ENTRY, POLICY, SHIFT, SWEEP, TEST, VALIDATION, World
 from agents.results.standings import FEEDBACK, Standings, Verdict
 from agents.results.statistics import Interval
 from agents.results.wording import change_text, in_short, verdict_text, with_interval
@@ -63,6 +63,15 @@ def test_the_best_are_chosen_in_validation_and_never_privileged():
     assert (found.policy, found.baseline) == ("good in validation", "filter")
     table = Tables(found.record).table(found)
     assert "| teacher (privileged) |" in table and "| somebody's (entered) |" in table
+
+
+def test_the_opponent_is_the_best_of_those_that_drove_in_the_world():
+    found = standing(
+        controller("learned", POLICY, 0.0),
+        controller("smoother", BASELINE, 0.1, worlds=(VALIDATION,)),
+        controller("filter", BASELINE, 0.3),
+    )
+    assert (found.baseline, found.verdict) == ("filter", Verdict.PAYS)
 
 
 def test_without_a_learner_or_validation_there_is_no_verdict():
