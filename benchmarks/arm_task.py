@@ -4,7 +4,7 @@
     python benchmarks/arm_task.py --episodes 50
 
 A target counts as held where some tensions within the range bring the tip there under gravity and payload of the
-episode: damped Gauss-Newton steps on the tensions, from those at which the target was drawn.
+episode: the inverse, from the tensions at which the target was drawn.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ import numpy as np
 
 from rj_gym import FlexibleArmConfig, FlexibleArmVectorEnv
 from rj_gym.registry import task_of
-from rollingjoint import solve_lengths, solve_tensions, solve_tensions_batch
-from rollingjoint.statics.sensitivity import dposes_dtensions
+from rollingjoint import reach_batch, solve_lengths, solve_tensions, solve_tensions_batch
 
-STEPS = 40
+STARTS = 4  # of a search
 
 
 def main() -> None:
@@ -53,36 +52,10 @@ def held_errors(count: int) -> np.ndarray:
     """Smallest tip errors found under the true loads of episodes with seeds 0, 1, ..., (count,) [mm]."""
     task = task_of(FlexibleArmConfig())
     episodes = task.sample([np.random.default_rng(seed) for seed in range(count)])
-    loads, (low, high) = task.load_tables(episodes, 0), task.config.tension_range
     tensions = episodes.target_tensions[:, 0]
-    targets = solve_tensions_batch(task.mechanism, tensions, task.base_load_tables(episodes)).tip
-    best, damping = solve_tensions_batch(task.mechanism, tensions, loads), np.full(count, 1e-4)
-    for _ in range(STEPS):
-        miss = targets - best.tip
-        step = damped_step(dposes_dtensions(best)[:, -1, :3], miss, best.tensions, low, high, damping)
-        tried = solve_tensions_batch(task.mechanism, np.clip(best.tensions + step, low, high), loads, best)
-        better = tried.ok & (np.linalg.norm(targets - tried.tip, axis=1) < np.linalg.norm(miss, axis=1))
-        damping = np.where(better, 0.3 * damping + 1e-9, 4 * damping)
-        kept = np.where(better[:, None], tried.tensions, best.tensions)
-        best = solve_tensions_batch(task.mechanism, kept, loads, best)
-    return np.linalg.norm(targets - best.tip, axis=1)
-
-
-def damped_step(
-    J: np.ndarray, miss: np.ndarray, tensions: np.ndarray, low: float, high: float, damping: np.ndarray
-) -> np.ndarray:
-    """Changes of tension, (B, m), that go towards the target and not out of the range."""
-    free = np.ones_like(tensions)
-    for _ in range(4):
-        some = J * free[:, None]
-        square = some @ np.swapaxes(some, 1, 2)
-        size = damping * np.trace(square, axis1=1, axis2=2) + 1e-12
-        step = np.einsum(
-            "bij,bi->bj", some, np.linalg.solve(square + size[:, None, None] * np.eye(3), miss[..., None])[..., 0]
-        )
-        outward = ((step < 0) & (tensions <= low)) | ((step > 0) & (tensions >= high))
-        free *= ~outward
-    return step * free
+    aims = solve_tensions_batch(task.mechanism, tensions, task.base_load_tables(episodes))
+    loads, limits = task.load_tables(episodes, 0), task.config.tension_range
+    return np.asarray(reach_batch(task.mechanism, aims.tip, loads, limits, start=aims, starts=STARTS).distance)
 
 
 def failures(env: FlexibleArmVectorEnv) -> int:

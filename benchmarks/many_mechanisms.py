@@ -61,8 +61,9 @@ def _row(links: tuple[int, int], lanes: int, rounds: int) -> list[str]:
 def _made(env_id: str, lanes: int, **settings: Any) -> Any:
     """An environment whose designs are drawn and whose kernels are compiled."""
     env = gymnasium.make_vec(env_id, lanes, "vector_entry_point", **settings)
-    for seed in range(0, 4 * DESIGNS, lanes):
-        env.reset(seed=seed)
+    if "mechanisms" in settings:
+        for first in range(0, DESIGNS, lanes):
+            env.reset(options={"lanes": [{"design": (first + lane) % DESIGNS} for lane in range(lanes)]})
     _seconds(env)
     return env
 

@@ -61,7 +61,7 @@ def main() -> None:
     set_threads(1)
     rows = []
     for title, (env_id, changes) in TASKS.items():
-        for solves in (2, 4):
+        for solves in (2, 4, 8):
             env = EnvConfig(env_id, settings=changes)
             plans, actions = timed(env, {"horizon": 10, "solves": solves}, arguments.lanes, arguments.episodes)
             figures = (*np.percentile(plans, [50, 99]), *np.percentile(actions, [50, 99]))

@@ -53,19 +53,35 @@ UNFIT = {
     "HiddenWall": ("plan around", "follow the leader*"),
 }
 
-_FEEDBACK = {"step_mm": (1.0, 2.0, 3.0, 5.0), "damping": (0.2, 0.7, 2.0, 6.0)}
+_FEEDBACK = {"step_mm": (1.0, 3.0, 5.0, 8.0), "damping": (0.1, 0.3, 2.0, 6.0, 15.0)}
 GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
-    "open loop, free space": {"share": (0.5, 0.65, 0.8, 1.0)},
+    "open loop, free space": {"share": (0.5, 0.8, 1.0)},
     "feedback, free space": _FEEDBACK,
     "feedback, contact*": _FEEDBACK,
-    "plan around": {"fast": (0.5, 0.7, 1.0)},
-    "follow the leader*": {"rate": (1.7, 2.0, 2.3), "gain": (0.3, 0.4, 0.6), "relax": (0.4, 0.8)},
+    "plan around": {"fast": (0.7, 1.0), "caution": (3.0, 10.0)},
+    "follow the leader*": {"rate": (1.8, 2.0, 2.2), "gain": (0.4, 0.6), "relax": (0.5, 0.8)},
     "seek the force*": {"gain": (0.2, 0.4, 0.8), "near": (0.3, 1.0, 2.0)},
 }
 """Gains that --tune tries, in all combinations."""
 
-CHOSEN: dict[str, dict[str, dict[str, float]]] = {"Lumen": {}, "Obstacles": {}, "HiddenWall": {}}
-"""Gains by task and controller, as --tune chose them."""
+CHOSEN: dict[str, dict[str, dict[str, float]]] = {
+    "Lumen": {
+        "feedback, free space": {"step_mm": 8.0, "damping": 6.0},
+        "feedback, contact*": {"step_mm": 8.0, "damping": 6.0},
+    },
+    "Obstacles": {
+        "open loop, free space": {"share": 0.5},
+        "feedback, free space": {"step_mm": 8.0, "damping": 0.3},
+        "feedback, contact*": {"step_mm": 3.0, "damping": 0.1},
+    },
+    "HiddenWall": {
+        "open loop, free space": {"share": 0.5},
+        "feedback, free space": {"step_mm": 1.0, "damping": 6.0},
+        "feedback, contact*": {"step_mm": 5.0, "damping": 0.3},
+        "seek the force*": {"near": 0.3},
+    },
+}
+"""Gains by task and controller, as --tune chose them; what is not here has its defaults."""
 
 
 NOISE = {"position_mm": 0.5, "angle": 0.01, "tension": 0.1, "force": 0.1}

@@ -28,7 +28,7 @@ from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.inverse import reach
 from rollingjoint.statics.reactions import hinge_reactions
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
-from rollingjoint.surroundings import Disc, Surroundings, WallFriction
+from rollingjoint.surroundings import Disc, Sphere, Surroundings, WallFriction
 
 ENTRY_POINTS = "rollingjoint.kernels"
 _PAUSE = 0.05  # s between two looks at the processes
@@ -269,7 +269,21 @@ def general_planar_solver_with_friction() -> None:
 
 def planar_solver_among_walls() -> None:
     """Solve a planar chain among walls, and check the next step for obstacles passed."""
-    chain, around = five_link(), Surroundings([Disc((20.0, 30.0), 5.0)])
+    _among_walls(five_link(), Surroundings([Disc((20.0, 30.0), 5.0)]))
+
+
+def arm_solver_among_walls() -> None:
+    """Solve an arm among walls."""
+    _among_walls(small_arm(), Surroundings([Sphere((30.0, 0.0, 60.0), 5.0)]))
+
+
+def spatial_solver_among_walls() -> None:
+    """Solve a chain in space among walls."""
+    _among_walls(pitch_yaw(2), Surroundings([Sphere((30.0, 0.0, 20.0), 5.0)]))
+
+
+def _among_walls(chain: AnyChain, around: Surroundings) -> None:
+    """Solve a chain among walls, and the next step."""
     first = solve_lengths(chain, chain.neutral_lengths - 0.5, surroundings=around)
     second = solve_lengths(chain, chain.neutral_lengths - 0.5, surroundings=around, start=first)
     assert second.stiffness.size and isinstance(second.wall_contacts, list)
@@ -279,6 +293,18 @@ def planar_friction_among_walls() -> None:
     """Take a step of a planar chain with friction in its holes and at walls."""
     around = Surroundings([Disc((20.0, 30.0), 5.0)], friction=WallFriction(0.1))
     assert _step_with_friction(five_link(), surroundings=around).size
+
+
+def arm_friction_among_walls() -> None:
+    """Take a step of an arm with friction in its holes and at walls."""
+    around = Surroundings([Sphere((30.0, 0.0, 60.0), 5.0)], friction=WallFriction(0.1))
+    assert _step_with_friction(small_arm(), surroundings=around).size
+
+
+def spatial_friction_among_walls() -> None:
+    """Take a step of a chain in space with friction in its holes and at walls."""
+    around = Surroundings([Sphere((30.0, 0.0, 20.0), 5.0)], friction=WallFriction(0.1))
+    assert _step_with_friction(pitch_yaw(2), surroundings=around).size
 
 
 def motors_and_sheaths() -> None:
@@ -372,6 +398,20 @@ GROUPS = (
         planar_friction_among_walls,
         after="the planar solver among walls",
         family="planar",
+    ),
+    Group("the arm's solver among walls", arm_solver_among_walls, family="arm"),
+    Group(
+        "the arm's solver with friction among walls",
+        arm_friction_among_walls,
+        after="the arm's solver among walls",
+        family="arm",
+    ),
+    Group("the solver of chains in space among walls", spatial_solver_among_walls, family="space"),
+    Group(
+        "the solver of chains in space with friction among walls",
+        spatial_friction_among_walls,
+        after="the solver of chains in space among walls",
+        family="space",
     ),
     Group("the general planar solver", general_planar_solver, family="planar"),
     Group("the general planar solver with friction", general_planar_solver_with_friction, family="planar"),

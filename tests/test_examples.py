@@ -17,6 +17,7 @@ FIDELITY = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
 OPTIONS = {
     "equilibrium_layer": ["--steps", "30"],
     "fidelity": ["--quick"],
+    "one_gradient": ["--updates", "2"],
     "cleanrl_ppo": ["--steps", "512", "--lanes", "4"],
 }
 
@@ -40,4 +41,5 @@ def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch
 
 
 def test_pages_show_what_examples_print():
-    assert set(SHOWN) == {"flexible_arm_findings", "friction_loops", "push_into_a_lumen", "spatial_chains"}
+    pushed = {"push_into_a_lumen", "push_into_a_tube"}
+    assert set(SHOWN) == {"flexible_arm_findings", "friction_loops", "spatial_chains"} | pushed

@@ -28,7 +28,8 @@ class SearchAround:
 
     Args:
         methods: settings by name of a method of `rj search`.
-        budget: designs of each. updates: of the policy for every design, from that of the reference.
+        budget: designs of each method.
+        updates: of the policy for every design, from that of the reference.
     """
 
     methods: Mapping[str, Any] = field(default_factory=dict)
@@ -53,7 +54,8 @@ class PairConfig:
             With `opposite: true` the least of what more is better of, or the other way round.
         pairs: how pairs are trained: fields of PairSettings.
         episodes: number of episodes for training, validation and test, in this order.
-        rival_budget: designs that the search for the best of an objective evaluates. rival_starts: descents of it.
+        rival_budget: designs that the search for the best of an objective evaluates.
+        rival_starts: descents of that search.
         random: random designs, over which the ranks of objectives and of control are compared; 0: none.
         random_updates: of the policy for each of them.
         search: a search around retrained policies; without methods none.
@@ -104,11 +106,10 @@ class PairConfig:
 
     def search_of(self, objective: Mapping[str, Any] | None) -> SearchConfig:
         """The search file of an objective alone, with the limits; None: of the limits alone."""
-        kept = {} if objective is None else {k: v for k, v in objective.items() if k != "opposite"}
-        measured = {"kind": "lateral_stiffness", "weight": 0.0} if objective is None else {**kept, "scale": "reference"}
-        if objective is None and self.limits:
-            first = {k: v for k, v in self.limits[0].items() if k not in ("low", "high")}
-            measured = {**first, "weight": 0.0}
+        apart = ("opposite", "low", "high")
+        any_kind = next(iter((*self.limits, *self.objectives)), {"kind": "lateral_stiffness"})
+        kept = {key: value for key, value in (objective or any_kind).items() if key not in apart}
+        measured = {**kept, "weight": 0.0} if objective is None else {**kept, "scale": "reference"}
         return SearchConfig([measured], {"gradient": {"starts": self.rival_starts}}, self.space, self.limits)
 
     def to_dict(self) -> dict[str, Any]:

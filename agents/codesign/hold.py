@@ -42,7 +42,8 @@ class TipHold:
             the force grows to the upper end.
         tensions: range of the tensions of the space's own mechanism at the targets, drawn tendon by tendon [N].
         start_tension: of every tendon at the start [N].
-        low, high: least and largest tension [N]; at a limit the command follows the tendon.
+        low: least tension [N]; at a limit the command follows the tendon.
+        high: largest tension [N].
         action_mm: change of a command by an action of 1 [mm].
         tolerance_mm: largest error of a force that is carried [mm].
         hidden: widths of the hidden layers of the policy.
@@ -199,12 +200,12 @@ class TipHolds:
 
         run, errors = Rollout(mechanism, solve), list[Tensor]()
         targets = torch.tensor(episodes.targets)
-        state = run.step(start)
+        state = first = run.step(start)
         for step in range(1, settings.steps + 1):
             is_seen = float(settings.goal == "force" or step <= settings.steps // 2)
             error = is_seen * (targets - state.tip) / _ERROR_UNIT
             flag = torch.full((count, 1), is_seen, dtype=torch.float64)
-            own = (targets - run.steps[0].solution.tip[0]) / _PLACE_UNIT
+            own = (targets - first.tip) / _PLACE_UNIT
             parts = error, own, state.tensions / TENSION_UNIT, (state.commands - start) / COMMAND_UNIT, flag
             actions = self.policy(theta, torch.cat(parts, -1))
             state = run.step(state.commands - settings.action_mm * actions)

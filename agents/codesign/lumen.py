@@ -39,9 +39,11 @@ class LumenPush:
     Args:
         family: of the lumens, a name of rj_gym.surroundings.config.FAMILIES.
         mu: coefficient of friction of the walls.
-        steps: of an episode. feed_mm: way of the base in a step [mm].
+        steps: of an episode.
+        feed_mm: way of the base in a step [mm].
         start_tension: of every tendon at the start [N].
-        low, high: least and largest tension [N]; at a limit the command follows the tendon.
+        low: least tension [N]; at a limit the command follows the tendon.
+        high: largest tension [N].
         action_mm: change of a command by an action of 1 [mm].
         hidden: widths of the hidden layers of the policy.
         force_limit: wall force up to which the reach is measured [N].

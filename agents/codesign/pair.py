@@ -24,16 +24,18 @@ class PairSettings:
     Args:
         updates: steps of Adam, each with a batch of new rows of the training episodes.
         batch: episodes of an update.
-        design_rate, policy_rate: steps of Adam in the design's box, which is 2 wide, and of the policy's parameters.
-            They fall to a tenth along a cosine.
+        design_rate: step of Adam in the design's box, which is 2 wide; it falls to a tenth along a cosine.
+        policy_rate: of the policy's parameters, likewise.
         check_every: updates between looks at the validation episodes; the best pair seen there is kept.
+        patience: looks without an improvement by 1 % after which training ends; 0: it never ends early.
     """
 
-    updates: Annotated[int, integer(1, 100_000)] = 60
+    updates: Annotated[int, integer(1, 100_000)] = 70
     batch: Annotated[int, integer(1, 10_000)] = 16
-    design_rate: Annotated[float, number(1e-6, 1.0)] = 0.06
-    policy_rate: Annotated[float, number(1e-6, 1.0)] = 0.03
-    check_every: Annotated[int, integer(1, 10_000)] = 5
+    design_rate: Annotated[float, number(1e-6, 1.0)] = 0.12
+    policy_rate: Annotated[float, number(1e-6, 1.0)] = 0.05
+    check_every: Annotated[int, integer(1, 10_000)] = 7
+    patience: Annotated[int, integer(0, 10_000)] = 0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -92,7 +94,7 @@ def trained(
     last = settings.updates
     fall = torch.optim.lr_scheduler.LambdaLR(adam, lambda k: 0.1 + 0.45 * (1.0 + np.cos(np.pi * k / last)))
     best, history = Pair(x.numpy().copy(), theta.numpy().copy(), np.nan, 0.0, ()), []
-    sign = 1.0 if task.settings.maximise else -1.0
+    sign, since, mark = (1.0 if task.settings.maximise else -1.0), 0, np.nan
     for update in range(last + 1):
         if update % settings.check_every == 0 or update == last:
             design, parameters = x.numpy().copy(), theta.numpy().copy()
@@ -103,7 +105,10 @@ def trained(
             fit = allowed and scores.ok.mean() >= 1.0 - FAILED_SHARE
             if fit and not sign * value <= sign * best.validation:
                 best = Pair(design, parameters, value, 0.0, ())
-        if update == last:
+            since += 1
+            if not sign * value <= sign * mark + 0.01 * abs(mark):
+                since, mark = 0, value
+        if update == last or since == settings.patience > 0:
             break
         rows = rng.choice(splits.train_count, min(settings.batch, splits.train_count), replace=False)
         slope = task.slope(x.numpy(), theta.numpy(), task.chosen(splits.train, np.sort(rows)), by_design)

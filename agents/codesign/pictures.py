@@ -10,13 +10,10 @@ import numpy as np
 
 from agents.codesign.study import JOINT, Results, Study
 from agents.evaluation.pictures import COLOURS, figure_of, png, tidy
-from rollingjoint import solve_tensions
 from rollingjoint.errors import MechanismError
 from rollingjoint.plotting import plot_mechanism
 from rollingjoint.plotting.film import canvas_of, pixels_of, save_gif
 
-_RATIOS = 0.4, 1.0, 2.5  # of the tensions of a pair of tendons, left to right
-_TENSION = 10.0  # their sum [N]
 _MOST = 9  # designs in a picture
 
 
@@ -27,15 +24,11 @@ def designs(study: Study, results: Results) -> bytes:
         shown[f"best {name.replace('_', ' ')}"] = np.array(found["x"])
     shown = dict(list(shown.items())[: _MOST - 1])
     shown["co-designed"] = np.array(results[JOINT][0]["x"])
-    columns = min(len(shown), 5)
-    rows = -(-len(shown) // columns)
-    figure = figure_of(2.5 * columns, 3.4 * rows)
-    panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).reshape(-1)
-    for axes, (title, x) in zip(panels, shown.items(), strict=False):
+    figure = figure_of(1.25 * len(shown) + 0.5, 7.0)
+    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
+    for axes, (title, x) in zip(panels, shown.items(), strict=True):
         _draw(axes, study.space.mechanism(x))
-        axes.set_title(title, fontsize=9)
-    for axes in panels[len(shown) :]:
-        axes.set_axis_off()
+        axes.set_title(title.replace(" ", "\n"), fontsize=8)
     return png(figure, 90)
 
 
@@ -48,16 +41,16 @@ def _frames(study: Study, found: dict[str, Any]) -> Iterator[Any]:
     settings, history = study.task.settings, found["history"]
     updates, values = ([entry[place] for entry in history] for place in (0, 1))
     shapes = [_built(study, entry[2]) for entry in history]
-    figure, canvas = canvas_of(8.0, 4.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.3))
-    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.13, top=0.92, wspace=0.25)
+    figure, canvas = canvas_of(7.5, 6.4)
+    left, right = figure.subplots(1, 2, width_ratios=(1, 3))
+    figure.subplots_adjust(left=0.05, right=0.98, bottom=0.1, top=0.93, wspace=0.2)
     for place, mechanism in enumerate(shapes):
         if mechanism is None:
             continue
         left.clear()
         right.clear()
         _draw(left, mechanism)
-        left.set_title(f"update {updates[place]}")
+        left.set_title(f"update {updates[place]}", fontsize=10)
         right.plot(updates, values, color="0.8")
         right.plot(updates[: place + 1], values[: place + 1], color=COLOURS[0], linewidth=2)
         right.plot(updates[place], values[place], "o", color=COLOURS[1])
@@ -75,17 +68,16 @@ def _built(study: Study, x: Any) -> Any:
 
 
 def _draw(axes: Any, mechanism: Any) -> None:
-    """A mechanism under three tensions of its pairs of tendons, the middle one in front."""
-    pairs = mechanism.n_tendons // 2
-    for ratio in sorted(_RATIOS, key=lambda ratio: ratio == 1.0):
-        left = _TENSION * ratio / (1.0 + ratio)
-        tensions = [left, _TENSION - left] * pairs if mechanism.n_tendons % 2 == 0 else [_TENSION] * mechanism.n_tendons
-        shape = solve_tensions(mechanism, tensions)
-        if shape.ok:
-            front = ratio == 1.0
-            plot_mechanism(
-                shape, axes, tendons=front, contacts=False, numbers=False, legend=False,
-                color="#56606B" if front else "#C9CED4",
-            )  # fmt: skip
-    reach = 1.12 * mechanism.length
-    axes.set(xlim=(-0.75 * reach, 0.75 * reach), ylim=(-0.15 * reach, reach), aspect="equal", xlabel="", ylabel="")
+    """A mechanism as it stands, with its tendons."""
+    plot_mechanism(mechanism, axes, contacts=False, numbers=False, legend=False, color="#56606B")
+    breadth = 1.3 * max(abs(point[0]) for link in mechanism.links for point in _ends(link))
+    places = mechanism.poses(mechanism.neutral_angles)[:, 1]
+    reach = float(np.diff(places).max())
+    axes.set(xlim=(-breadth, breadth), ylim=(-0.8 * reach, places[-1] + 0.8 * reach), aspect="equal")
+    axes.set(xlabel="", ylabel="", xticks=[])
+    axes.grid(visible=False)
+
+
+def _ends(link: Any) -> list[Any]:
+    """The ends of the surfaces of a link."""
+    return [end for surface in (link.parent, link.child) for end in surface.point(np.array(surface.limits))]

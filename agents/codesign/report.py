@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.codesign.study import JOINT, REFERENCE, Results, Study, read_study, results_of
+from agents.codesign.study import JOINT, REFERENCE, Opposite, Results, Study, read_study, results_of
 from agents.codesign.task import Array
 from agents.results.statistics import Bootstrap, Interval
 from agents.runs.files import RunFolderError, write_bytes, write_json, write_text
@@ -82,10 +82,13 @@ def correlations(study: Study, results: Results) -> dict[str, Interval]:
     rng = np.random.default_rng(0)
     rows = rng.integers(0, len(found), (_RESAMPLES // 10, len(found)))
     intervals = {}
-    for name in study.rivals:
+    for name, problem in study.rivals.items():
+        if isinstance(problem.objectives[0].objective, Opposite):
+            continue  # the same values as those of the objective itself
         values = np.array([entry["objectives"][name] for entry in found])
-        resampled = [spearman(values[row], control[row]) for row in rows]
-        intervals[name] = Interval(spearman(values, control), *np.nanpercentile(resampled, (2.5, 97.5)).tolist())
+        resampled = np.nan_to_num([spearman(values[row], control[row]) for row in rows])
+        ends = np.percentile(resampled, (2.5, 97.5)).tolist() if np.ptp(values) > 0.0 else [math.nan] * 2
+        intervals[name] = Interval(spearman(values, control), *ends)
     return intervals
 
 
@@ -129,8 +132,8 @@ def markdown(study: Study, results: Results) -> str:
         "## Pairs",
         markdown_table(*_pairs(study, results)),
         "Means over seeds and test episodes, with 95 % intervals of a bootstrap of both. Better: share of the measure "
-        "by which the co-designed pairs are better. All policies begin as the same policy of the reference, and are "
-        "trained with the same number of updates; a pair is chosen in the validation episodes.",
+        "by which the co-designed pairs are better. All policies begin as the same policy of the reference and are "
+        "trained with the same settings; a pair is chosen in the validation episodes.",
         "![The reference, the best design of every objective, and the co-designed one](designs.png)",
         "![The design while it is trained, and the measure in the validation episodes](morph.gif)",
         _correlated(study, results),
@@ -173,7 +176,14 @@ def _correlated(study: Study, results: Results) -> str:
     if not found:
         return ""
     rows = [
-        [name.replace("_", " "), f"{one.value:+.2f}", f"{one.low:+.2f} to {one.high:+.2f}"]
+        [
+            name.replace("_", " "),
+            *(
+                ["", "the same for all"]
+                if math.isnan(one.value)
+                else [f"{one.value:+.2f}", f"{one.low:+.2f} to {one.high:+.2f}"]
+            ),
+        ]
         for name, one in found.items()
     ]
     table = markdown_table(["objective", "Spearman", "95 % interval"], rows)

@@ -42,6 +42,7 @@ from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism
 
 REFERENCE, JOINT = "reference", "joint"
 MECHANISM = "mechanism.yaml"
+_EARLY = 2  # seeds that come before the random designs
 _NO_DESIGN = 100.0  # cost of a design that a search around policies cannot use
 
 
@@ -143,13 +144,18 @@ class Study:
         return Splits(train, counts[0], validation, test)
 
     def units(self) -> Iterator[str]:
-        """Names of all units, in the order in which they can be worked on."""
-        seeds = self.config.seeds
+        """Names of all units, in an order in which they can be worked on.
+
+        Two seeds come before the random designs and the others after them, so that the report of a command that is
+        stopped early has something in every table.
+        """
+        seeds, names = self.config.seeds, (JOINT, REFERENCE, *self.rivals)
         yield from (f"first/seed_{seed}" for seed in seeds)
         yield from (f"design/{name}" for name in self.rivals)
-        yield from (f"{name}/seed_{seed}" for seed in seeds for name in (JOINT, REFERENCE, *self.rivals))
-        yield from (f"search {method}/seed_{seeds[0]}" for method in self.config.search_settings().methods)
+        yield from (f"{name}/seed_{seed}" for seed in seeds[:_EARLY] for name in names)
         yield from (f"random/{number}" for number in range(self.config.random))
+        yield from (f"{name}/seed_{seed}" for seed in seeds[_EARLY:] for name in names)
+        yield from (f"search {method}/seed_{seeds[0]}" for method in self.config.search_settings().methods)
 
     def file(self, unit: str) -> Path:
         """The file of a unit."""
@@ -193,8 +199,11 @@ class Study:
         reference = np.asarray(self.space.reference())
         settings = self.config.pair_settings()
         if kind == "first":
-            start = reference, self.task.policy.initial(seed)
-            return self._scored(trained(self.task, self.problem, start, settings, self.splits, seed, False, shown))
+            start, half = (
+                (reference, self.task.policy.initial(seed)),
+                replace(settings, updates=-(-settings.updates // 2)),
+            )
+            return self._scored(trained(self.task, self.problem, start, half, self.splits, seed, False, shown))
         policy = np.array(self.result(f"first/seed_{seed}")["parameters"])
         if kind.startswith("search "):
             return self._searched(kind.removeprefix("search "), seed, policy, shown)

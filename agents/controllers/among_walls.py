@@ -117,7 +117,7 @@ class PlanAround(WallController):
 
     most, spacing, deepest = 8.0, 0.5, -0.8  # mm: of the grid; nodes deeper in a disc are closed
 
-    def __init__(self, fast: float = 1.0, room: float = 1.5, caution: float = 10.0) -> None:
+    def __init__(self, fast: float = 1.0, room: float = 1.5, caution: float = 3.0) -> None:
         self.fast, self.room, self.caution = fast, room, caution
         self._feedback = Feedback(aware=False)
 

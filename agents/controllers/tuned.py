@@ -186,6 +186,7 @@ _BLIND = {
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
     "smoother": _smoother("rj_gym/Instrument-v0"),
+    "mpc": _mpc("rj_gym/Instrument-v0", "smoother"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -261,6 +262,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
         "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
+        "mpc": _mpc("rj_gym/LatePose-v0", "smoother"),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM
     | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},

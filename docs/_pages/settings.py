@@ -12,6 +12,10 @@ from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any
 
+from agents.codesign.config import PairConfig, SearchAround
+from agents.codesign.hold import TipHold
+from agents.codesign.lumen import LumenPush
+from agents.codesign.pair import PairSettings
 from agents.runs.algorithms import PARAMETERS
 from agents.runs.checks import checks_of
 from agents.runs.config import SECTIONS, TrainConfig
@@ -54,9 +58,27 @@ def search_table() -> str:
     return markdown_table(HEAD, list(settings_rows(SearchConfig).values()), left=4)
 
 
+def codesign_table() -> str:
+    """The keys of a co-design file, those of `pairs` and `search` below them."""
+    rows = [*settings_rows(PairConfig).values()]
+    rows += [*settings_rows(PairSettings, "pairs.").values(), *settings_rows(SearchAround, "search.").values()]
+    return markdown_table(HEAD, rows, left=4)
+
+
+def lumen_table() -> str:
+    """The keys of the task in the lumen."""
+    return markdown_table(HEAD, list(settings_rows(LumenPush).values()), left=4)
+
+
+def hold_table() -> str:
+    """The keys of the tasks at the tip."""
+    return markdown_table(HEAD, list(settings_rows(TipHold).values()), left=4)
+
+
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "training.md": {"a run": training_table, "parameters": parameters_table, "a study": study_table},
     "design_search.md": {"a search": search_table},
+    "codesign.md": {"a co-design": codesign_table, "the lumen": lumen_table, "the tip": hold_table},
 }
 
 

@@ -282,6 +282,15 @@ class Solution(ABC):
         plain |= {"friction": friction, "walls": walls}
         return self.filled(plain)
 
+    def with_rows(self, rows: NDArray[np.int64], others: Self) -> Self:
+        """Many equilibria without friction or walls, of which those of some rows are replaced."""
+        arrays = {}
+        for name in (entry.name for entry in fields(self) if entry.name not in ("mechanism", "friction", "walls")):
+            arrays[name] = getattr(self, name).copy()
+            arrays[name][rows] = getattr(others, name)
+            read_only(arrays[name])
+        return replace(self, **arrays)
+
     @property
     @abstractmethod
     def positions(self) -> Array:

@@ -22,8 +22,7 @@ from rollingjoint.kernels.wall_contacts import (
     contact_sizes,
     touch_walls,
 )
-from rollingjoint.kernels.walled_chain import walled
-from rollingjoint.kernels.walled_solve import WallArrays, begin_place, touched_of
+from rollingjoint.kernels.walled_solve import WallArrays, begin_place
 
 Array = NDArray[np.float64]
 
@@ -89,7 +88,7 @@ def _sums_each(chain, designs, angles, rubs, walls, sums, state, space, sizes):
         begin_place(walls, lane, True, place)
         begin_rubbing(touch, rubs)
         formulas.evaluate_geometry(mechanism, state)
-        among = walled(mechanism, place, pointed(touched_of(walls.before, lane)))
+        among = formulas.walled(place, mechanism, pointed(formulas.touched_of(walls.before, lane)))
         touch_walls(among, state, False)
         for i in range(sums.shape[1]):
             for column in range(sums.shape[2]):

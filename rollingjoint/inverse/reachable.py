@@ -155,7 +155,7 @@ def workspace(
     if not ((low >= 0.0) & (low < high) & np.isfinite(high)).all():
         raise InvalidInput("tension_limits", tension_limits, "0 <= lowest < highest, finite")
     count = CELLS[mechanism.dimension] if cells is None else as_integer("cells", cells, 1, MOST_CELLS)
-    tips = sampled(mechanism, mechanism.load_table(loads), low, high, _SAMPLES).require().tip
+    tips = sampled(mechanism, mechanism.load_table(loads)[None], low, high, _SAMPLES).require().tip
     if not len(tips):
         raise InvalidInput("loads", list(loads), "some under which there are stable equilibria within the limits")
     side = float(np.ptp(tips, axis=0).max()) / count

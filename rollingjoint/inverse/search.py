@@ -20,7 +20,7 @@ from rollingjoint.checks import as_choice, as_integer, as_number, as_positive, s
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
-from rollingjoint.inverse.starts import samples_of
+from rollingjoint.inverse.starts import sampled, samples_of
 from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, step_to
 from rollingjoint.inverse.warm import reach_from
 from rollingjoint.kernels import inverse as kernels
@@ -44,6 +44,7 @@ TOLERANCE = 1e-6  # mm: a nearer target is reached
 _BY_SOLVES = 1e-5  # mm: likewise with a history or among walls, where derivatives have kinks
 _CLOSE, _FARTHER = 4, 1.5  # starts that are nearest one after the other; factor from one to the next beyond, squared
 _PREFERRED = 2  # starts; later ones of a search that has come near keep to the tensions with which they begin
+_ONWARDS = 2  # times that all solutions go on from where their searches ended, to the preferred tensions
 _NEAR = 1e-3  # of a mechanism's length: a search that ends so near goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
@@ -208,6 +209,8 @@ def all_solutions(
     tables = np.repeat(table[None], count, axis=0)
     search = _Searches.of(mechanism, goal, tables, tension_limits, inputs, prefer)
     many = search.run(None, 1, ranks=np.arange(count))
+    for _ in range(_ONWARDS):
+        many = search.run(many, 1)
     order = np.argsort(np.sum((many.tensions - search.preferred) ** 2, axis=1), kind="stable")
     solutions: list[Reach] = []
     for row in order[np.asarray(many.ok)[order]]:
@@ -295,15 +298,19 @@ class _Searches:
             if attempt >= _PREFERRED:
                 nearly = best.distance[rows] < _NEAR * self.goal.size
                 preferred[nearly] = tensions[nearly]
-            solution = self._try(best, rows, angles, tensions, preferred)
+            solution, tried_values = self._try(best, rows, angles, tensions, preferred)
             near = np.flatnonzero((best.distance > TOLERANCE) & (best.distance < _NEAR * self.goal.size))
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
                 self._try(best, near, best.angles[near].copy(), best.tensions[near].copy(), best.tensions[near].copy())
-            if attempt == 0 and len(rows) == len(best.distance) and best.from_rest.all():
-                first, values = solution, best.inputs.copy()
-        if values is None or not (best.from_rest.all() and np.array_equal(values, best.inputs)):
-            first = self._solve(np.arange(len(best.distance)), best.inputs, self.batch.mechanism, best.starts)
-        return self._reach(best, first)
+            if attempt == 0 and len(rows) == len(best.distance):
+                first, values = solution, tried_values
+        chain = self.batch.chains[0]
+        if first is None:  # no rows
+            first, values = self._solve(np.arange(0), best.inputs, chain, None), best.inputs
+        changed = np.flatnonzero(np.any(values != best.inputs, axis=1) | ~best.from_rest)
+        if len(changed):
+            first = first.with_rows(changed, self._solve(changed, best.inputs[changed], chain, best.starts[changed]))
+        return self._reach(best, replace(first, mechanism=self.batch.mechanism))
 
     def _given(self, start: Start | Reach) -> tuple[Array, Array]:
         """Joint angles and tensions of a start that a caller gives."""
@@ -313,13 +320,17 @@ class _Searches:
         return angles, tensions
 
     def _samples(self) -> Any:
-        """Equilibria under the loads, or under the mean of those of the rows."""
-        tables = self.tables[np.all(np.abs(self.tables) <= LARGEST_INPUT, axis=(1, 2))]
-        shared = len(tables) and bool((tables == tables[0]).all())
-        table = tables[0] if shared else tables.mean(axis=0) if len(tables) else self.tables[:1].sum(axis=0) * 0.0
-        solution = samples_of(self.batch.chains[0], table, *self.limits)
+        """Equilibria under the loads, or, where those of the rows differ, of each sample under those of another row."""
+        chain, tables = self.batch.chains[0], self.tables[np.all(np.abs(self.tables) <= LARGEST_INPUT, axis=(1, 2))]
+        if len(tables) and (tables != tables[0]).any():
+            solution = sampled(chain, tables, *self.limits)
+        else:
+            solution = samples_of(chain, tables[0] if len(tables) else self.tables[0] * 0.0, *self.limits)
         points = self.goal.coordinates_of(solution)
-        return kernels.Starts(points, *(np.array(values) for values in (solution.joint_angles, solution.tensions)))
+        order = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
+        places = np.argsort(points[:, order], kind="stable")
+        angles, tensions = (values[places] for values in (solution.joint_angles, solution.tensions))
+        return kernels.Starts(np.array([order]), points[places], angles, tensions)
 
     def _nearest(self, samples: Any, rows: Rows, tried: Array) -> tuple[Array, Array]:
         """Joint angles and tensions of the nearest start beyond those that were tried, of the rows."""
@@ -332,7 +343,7 @@ class _Searches:
         return angles, tensions
 
     def _try(self, best: _Best, rows: Rows, angles: Array, tensions: Array, preferred: Array) -> Any:
-        """Search from starts of some rows, and keep what is better; returns the equilibria, from rest.
+        """Search from starts of some rows, and keep what is better; returns equilibria from rest and their inputs.
 
         preferred: tensions, (R, m) [N]. angles and tensions are overwritten.
         """
@@ -383,7 +394,7 @@ class _Searches:
             best.take(where, elsewhere, (values, angles, tensions, again, outcome), False)
         best.iterations[rows] += iterations
         best.over[rows] |= outcome == kernels.INVALID
-        return solution
+        return solution, values
 
     def _solve(self, rows: Rows, values: Array, mechanism: Any, starts: Array | None) -> Any:
         """The equilibria of some rows under lengths or tensions; starts: joint angles, default at rest."""

@@ -28,18 +28,21 @@ def samples_of(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
     if key not in kept:
         while len(kept) >= _MOST_KEPT:
             kept.pop(next(iter(kept)), None)
-        kept[key] = sampled(chain, table, low, high)
+        kept[key] = sampled(chain, table[None], low, high)
     return kept[key]
 
 
-def sampled(chain: AnyChain, table: Array, low: Array, high: Array, count: int = SAMPLES) -> Any:
-    """Stable equilibria of `count` samples; half of the tensions are drawn uniformly, half by their logarithms."""
+def sampled(chain: AnyChain, tables: Array, low: Array, high: Array, count: int = SAMPLES) -> Any:
+    """Stable equilibria of `count` samples; half of the tensions are drawn uniformly, half by their logarithms.
+
+    tables: load tables, (B, rows, columns), of samples in turn.
+    """
     highest = np.where(np.isfinite(high), high, np.maximum(_USUAL, 10.0 * low))
     uniform, logarithmic = np.random.default_rng(0).random((2, count // 2, chain.n_tendons))
     lowest = np.maximum(low, _SMALLEST * highest)
     ratios = np.divide(highest, lowest, out=np.ones_like(highest), where=lowest > 0.0)
     tensions = np.concatenate([low + (highest - low) * uniform, lowest * ratios**logarithmic])
-    tables = np.repeat(table[None], len(tensions), axis=0)
+    tables = tables[np.arange(len(tensions)) % len(tables)]
     equilibria = solve_tensions_batch(chain, tensions, tables)
     usable = np.flatnonzero(equilibria.ok)
     if len(usable) in (0, len(tensions)):

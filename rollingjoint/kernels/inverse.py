@@ -6,12 +6,14 @@ minimises
 
     |e + E dtau|² + weight |tau + dtau - preferred|²,   low <= tau + dtau <= high,
 
-with e the miss of the links where r is balanced, E its rates. A trust region bounds it, a share of each tension; it is
-taken if it lowers that sum plus (size |H^-1 r|²)², or while the miss stays within a funnel that narrows from step to
-step, along which curved valleys are followed. weight is so small that the second term only chooses among tensions with
-the same miss; at the end it is left out. Joints that their limits hold are left out of H; where a trial finds other
-joints held than its base, the step from the base is tried with those, too.
-Source: docs/inverse.md; bounds as in Nocedal and Wright, Numerical Optimization, 2006, ch. 16 (active sets).
+with e the miss of the links where r is balanced, E its rates. A trust region bounds it, a share of each tension. weight
+is so small that the second term only chooses among tensions with the same miss; at the end it is left out. A step is
+taken if it lowers that sum plus (size |H^-1 r|²)². Tensions with the same miss lie on curved surfaces, so that long
+steps along them miss by what the next step corrects (the Maratos effect): within a corridor a step is also taken if it
+lowers |tau + dtau_0 - preferred|², where dtau_0 is the least change that leaves no miss in the linear model. The last
+step is so short that what is linear says where it ends, without another evaluation. Joints that their limits hold are
+left out of H; where a trial finds other joints held than its base, the step from the base is tried with those, too.
+Source: docs/inverse.md; Nocedal and Wright, Numerical Optimization, 2006, ch. 16 (active sets), 15.6 (Maratos effect).
 """
 
 from __future__ import annotations
@@ -38,11 +40,17 @@ MAX_ITERATIONS = 120
 _POLISHING = 10  # more of them after the tensions are chosen
 _FIRST_TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 1.0, 8.0, 1e-7
 _REACHED = 1e-10  # of the size: a smaller miss is none
-_FUNNEL, _NARROWING = 0.02, 0.25  # a miss that is allowed to grow, of the size; of its square from step to step
+_FUNNEL, _NARROWING = 0.02, 0.25  # a miss at which tensions may improve, of the size; of its square from step to step
+_CORRIDOR = 0.01  # of the size: the funnel does not become narrower
+_CLOSE = 1e-4  # of the size: so near the target the tensions may be settled
+_LAST = 1e-11  # rad: product of a step's turns and its shares of the tensions that is below rounding of the solver
+_CROSSINGS = 8  # steps that are taken for the tensions alone though other joints are held after them
+_REJECTED = 24  # trials after which a search gives up
 _SETTLED = 1e-8  # rad: angles as near to equilibrium are at it
 _NO_GAIN = 1e-7  # of the squared miss: a smaller gain ends the search
-_NO_CHANGE = 1e-3  # of the tensions: a smaller change is not worth a step
-_WEIGHT = 1e-4  # of the rates at the start, its root: of the second term
+_NO_CHANGE = 2e-3  # of the tensions: a smaller change is not worth a step
+_SMALL_TRUST = 5e-3  # steps that short are not worth their while for the tensions alone
+_WEIGHT = 3e-6  # of the rates at the start, its root: of the second term
 _SINGULAR = 1e-13  # of the largest entry: a smaller pivot is none
 _DAMPING = 1e-12  # of the mean square of the rates: keeps the step where tensions change nothing
 
@@ -79,7 +87,8 @@ class _TwoPoints(NamedTuple):
     rates: Annotated[Floats, 2, "J", "m"]  # d angle / d tension
     square: Annotated[Floats, 2, "m", "m"]  # E^T E
     slope: Annotated[Floats, 2, "m"]  # E^T e
-    value: Annotated[Floats, 2, 3]  # |e|², (size |H^-1 r|²)², largest |H^-1 r|
+    lengthening: Annotated[Floats, 2, "J", "m"]  # d length / d angle, 0 for a joint that is held
+    value: Annotated[Floats, 2, 4]  # |e|², (size |H^-1 r|²)², largest |H^-1 r|, |tau + dtau_0 - preferred|²
 
 
 @part
@@ -93,7 +102,8 @@ def _new_points(n_joints, n_tendons):
         np.zeros((2, n_joints, n_tendons)),
         np.zeros((2, n_tendons, n_tendons)),
         np.zeros((2, n_tendons)),
-        np.zeros((2, 3)),
+        np.zeros((2, n_joints, n_tendons)),
+        np.zeros((2, 4)),
     )
 
 
@@ -147,8 +157,9 @@ def reach_rows(chain, rows, first, last):
 
 
 class Starts(NamedTuple):
-    """N equilibria to start from."""
+    """N equilibria to start from, in the order of one coordinate."""
 
+    order: Annotated[Integers, 1]  # which coordinate
     points: Annotated[Floats, "N", "coordinates"]  # of the links that are to be placed, weighted, mm
     angles: Annotated[Floats, "N", "J"]
     tensions: Annotated[Floats, "N", "m"]
@@ -161,9 +172,26 @@ def take_nearest(starts, targets, tried, angles, tensions, first, last):
     targets: (B, coordinates), as Starts.points. tried: squared distance of the last start, -1 of none, (B,);
     overwritten, by infinity where there is no further one.
     """
+    count, along = starts.points.shape[0], starts.order[0]
     for row in range(first, last):
-        best, least = -1, np.inf
-        for place in range(starts.points.shape[0]):
+        best, least, low, high = -1, np.inf, 0, count
+        while low < high:  # the first start beyond the target along the coordinate
+            middle = (low + high) // 2
+            if starts.points[middle, along] < targets[row, along]:
+                low = middle + 1
+            else:
+                high = middle
+        below, above = low - 1, low
+        while below >= 0 or above < count:  # from there to both sides, until the coordinate alone is too far off
+            down = targets[row, along] - starts.points[below, along] if below >= 0 else np.inf
+            up = starts.points[above, along] - targets[row, along] if above < count else np.inf
+            if not min(down, up) ** 2 < least:
+                break
+            place = below if down < up else above
+            if down < up:
+                below -= 1
+            else:
+                above += 1
             square = 0.0
             for c in range(starts.points.shape[1]):
                 square += (starts.points[place, c] - targets[row, c]) ** 2
@@ -216,36 +244,54 @@ def _search(chains, rows, row, state, model, scratch):
     weight = 0.0
     for j in range(m):
         weight += _WEIGHT**2 / m * model.square[0, j, j]
-    iterations, polishing, funnel, forced = 1, 0, (_FUNNEL * size) ** 2, False
+    iterations, polishing, rejected, crossings, forced = 1, 0, 0, 0, False
+    funnel, corridor, worthwhile = (_FUNNEL * size) ** 2, (_CORRIDOR * size) ** 2, (_NO_CHANGE * most) ** 2
     value = _value(model, base, preferred, weight)
-    miss, at_rest = model.value[base, 0], model.value[base, 2] <= _SETTLED
-    while iterations < MAX_ITERATIONS + polishing:
+    _fill_offset(model, base, low, high, preferred, scratch)
+    miss = model.value[base, 0]
+    while iterations < MAX_ITERATIONS + polishing and rejected < _REJECTED:
         gain = value - _step(model, base, low, high, preferred, weight, trust, most, scratch)
-        enough = _NO_GAIN * miss + weight * (_NO_CHANGE * most) ** 2
-        at_goal = miss <= (_REACHED * size) ** 2
-        over = at_rest and (gain <= enough or (at_goal and polishing > 0))
-        if not forced and (over or trust < _SMALLEST_TRUST):
-            if polishing > 0 or at_goal:
+        saving = model.value[base, 3] - _offset_after(model, base, preferred, scratch.change)
+        at_goal, close = miss <= (_REACHED * size) ** 2, _miss(model, base) <= (_CLOSE * size) ** 2
+        if not forced:
+            reaches = polishing > 0 and close and value - gain <= (_REACHED * size) ** 2
+            if reaches and _finishes(chain, model, base, scratch.change, most):
+                ended, miss, base = REACHED, 0.0, 1 - base
+                break
+            enough = _NO_GAIN * miss + weight * worthwhile
+            over = model.value[base, 2] <= _SETTLED and (gain <= enough or (at_goal and polishing > 0))
+            if (over or trust < _SMALLEST_TRUST) and (polishing > 0 or at_goal):
                 ended = REACHED if at_goal else NEAREST
                 break
-            polishing, trust, weight = _POLISHING, max(trust, 0.01), 0.0
-            value = _value(model, base, preferred, weight)
-            continue
+            settled = close and (saving <= worthwhile or trust < _SMALL_TRUST)
+            if polishing == 0 and (settled or over or trust < _SMALLEST_TRUST):
+                polishing, weight, trust, rejected = _POLISHING, 0.0, max(trust, 1.0 if settled else 0.01), 0
+                value = _value(model, base, preferred, weight)
+                continue
         trial = 1 - base
         share = _advance(chain, model, base, trial, scratch.change)
         iterations += 1
         fits = gain > 0.0 and _fill(chain, rows, row, trial, False, state, model, scratch)
-        new_value = _value(model, trial, preferred, weight)
-        lower = new_value <= value - 1e-4 * share * gain
-        if fits and (lower or (not forced and _miss(model, trial) <= funnel)):
-            if not lower:
-                trust *= 0.5
-            elif new_value <= value - 0.5 * share * gain:
+        new_value, new_miss, room = _value(model, trial, preferred, weight), _miss(model, trial), max(funnel, corridor)
+        lower, inside, saved = new_value <= value - 1e-4 * share * gain, new_miss <= room, 0.0
+        model.value[trial, 3] = np.inf
+        if fits and inside and polishing == 0:
+            _fill_offset(model, trial, low, high, preferred, scratch)
+            saved = model.value[base, 3] - model.value[trial, 3]
+        saves = not forced and saving > worthwhile and saved >= 0.1 * share * saving
+        if saves and not lower and _hold_others(model):
+            crossings += 1
+            saves = crossings <= _CROSSINGS
+        if fits and (lower or saves):
+            if saves and saved >= 0.5 * share * saving:
+                trust = min(min(2.0, _factor(room, new_miss)) * trust, _LARGEST_TRUST)
+            elif not saves and new_value <= value - 0.5 * share * gain:
                 trust = min((4.0 if forced else 2.0) * trust, _LARGEST_TRUST)
-            base, forced, value = trial, False, new_value
-            miss, at_rest = model.value[base, 0], model.value[base, 2] <= _SETTLED
+            base, forced, value, miss = trial, False, new_value, model.value[trial, 0]
         else:
-            trust *= 0.25 if forced or not fits else 0.5
+            rejected += 1
+            trust = min(trust, _least_trust(model, base, scratch.change, most))
+            trust *= 0.25 if forced or not fits else max(0.1, min(0.5, _factor(room, new_miss)))
             other = fits and not forced and _takes_limits(model, base, trial)
             if other or forced:
                 forced = other and _fill(chain, rows, row, base, True, state, model, scratch)
@@ -257,6 +303,75 @@ def _search(chains, rows, row, state, model, scratch):
     for j in range(m):
         rows.tensions[row, j], rows.lengths[row, j] = model.tension[base, j], model.length[base, j]
     return ended, iterations, math.sqrt(miss / rows.links.size)
+
+
+@part
+def _factor(room, miss):
+    """By which steps may be longer: what they miss by grows with their square. Both are squares of lengths."""
+    return 0.8 * (room / miss) ** 0.25 if miss > 0.0 else np.inf
+
+
+@part
+def _least_trust(model, base, change, most):
+    """The least trust that allows a change of the tensions."""
+    least = 0.0
+    for j in range(change.size):
+        least = max(least, abs(change[j]) / max(model.tension[base, j], 0.1 * most))
+    return least
+
+
+@part
+def _fill_offset(model, which, low, high, preferred, scratch):
+    """Fill |tau + dtau_0 - preferred|² of a point."""
+    m, trace = preferred.size, 0.0
+    for j in range(m):
+        trace += model.square[which, j, j]
+    for j in range(m):
+        scratch.lowest[j], scratch.highest[j] = low[j] - model.tension[which, j], high[j] - model.tension[which, j]
+        scratch.gradient[j] = model.slope[which, j]
+        for k in range(j + 1):
+            scratch.hessian[j, k] = scratch.hessian[k, j] = model.square[which, j, k]
+        scratch.hessian[j, j] += _WEIGHT**2 * trace / m
+    _minimise_in_box(scratch)
+    model.value[which, 3] = _offset_after(model, which, preferred, scratch.change)
+
+
+@part
+def _offset_after(model, which, preferred, change):
+    """|tau + dtau - preferred|² after a change of the tensions."""
+    offset = 0.0
+    for j in range(preferred.size):
+        offset += (model.tension[which, j] + change[j] - preferred[j]) ** 2
+    return offset
+
+
+@part
+def _finishes(chain, model, base, change, most):
+    """Whether a step is so short that the linear model says where it ends: fills the other point with that."""
+    last, turned, changed = 1 - base, 0.0, 0.0
+    for i in range(model.angle.shape[1]):
+        turn = model.balance[base, i]
+        for j in range(change.size):
+            turn += model.rates[base, i, j] * change[j]
+        angle = model.angle[base, i] + turn
+        if not model.free[base, i] or not chain.joints[i, 0] <= angle <= chain.joints[i, 1]:
+            return False
+        model.angle[last, i], turned = angle, max(turned, abs(turn))
+    for j in range(change.size):
+        model.tension[last, j], length = model.tension[base, j] + change[j], model.length[base, j]
+        for i in range(model.angle.shape[1]):
+            length += model.lengthening[base, i, j] * (model.angle[last, i] - model.angle[base, i])
+        model.length[last, j], changed = length, max(changed, abs(change[j]) / most)
+    return turned * max(turned, changed) <= _LAST
+
+
+@part
+def _hold_others(model):
+    """Whether the limits hold other joints at the one point than at the other."""
+    for i in range(model.free.shape[1]):
+        if model.free[0, i] != model.free[1, i]:
+            return True
+    return False
 
 
 @part
@@ -276,18 +391,12 @@ def _miss(model, which):
 
 
 @part
-def _offset(model, which, preferred, weight):
-    """The second term at a point."""
-    offset = 0.0
-    for j in range(preferred.size):
-        offset += weight * (model.tension[which, j] - preferred[j]) ** 2
-    return offset
-
-
-@part
 def _value(model, which, preferred, weight):
     """The sum that is minimised, at a point."""
-    return _miss(model, which) + _offset(model, which, preferred, weight)
+    offset = 0.0
+    for j in range(preferred.size):
+        offset += (model.tension[which, j] - preferred[j]) ** 2
+    return _miss(model, which) + weight * offset
 
 
 @part
@@ -328,6 +437,7 @@ def _fill(chain, rows, row, which, forced, state, model, scratch):
         for j in range(m):
             crosses = free[i] and i < chain.tendon_joints[j]
             system[i, n + 1 + j] = -formulas.torque(state, i, j) if crosses else 0.0
+            model.lengthening[which, i, j] = state.gap[i, j, 1] if crosses else 0.0
     if not eliminate(system, _SINGULAR * largest(H, free)):
         return False
     off, worst = 0.0, 0.0
@@ -429,14 +539,16 @@ def _step(model, base, low, high, preferred, weight, trust, most, scratch):
         gradient[j] = model.slope[base, j] + weight * (tension - preferred[j])
         for k in range(j + 1):
             hessian[j, k] = hessian[k, j] = square[j, k]
-        hessian[j, j] += weight + _DAMPING * trace / m
+        hessian[j, j] += weight if weight > 0.0 else _DAMPING * trace / m
     _minimise_in_box(scratch)
     total = 0.0
     for j in range(m):
         total += 2.0 * gradient[j] * change[j]
         for k in range(m):
             total += change[j] * hessian[j, k] * change[k]
-    return model.value[base, 0] + total + _offset(model, base, preferred, weight)
+        offset = model.tension[base, j] - preferred[j]
+        total += weight * offset * offset
+    return model.value[base, 0] + total
 
 
 @part

@@ -353,7 +353,9 @@ def _touch_tube(chain, state, c, link, x, radius, piece, law, all_gaps):
     """A ball of a link in a tube, at a piece of it: number, first and last piece of the tube."""
     touch, (i, first, last) = chain.touch, piece
     offset, aside, q, arc, curvature, slope, wall, t, inwards, across = from_centre_line(chain.walls, i, first, last, x)
-    distance = max(math.sqrt(offset * offset + aside * aside), _NO_DISTANCE)
+    distance = math.sqrt(offset * offset + aside * aside)
+    if distance < _NO_DISTANCE:  # any direction across the centre line
+        distance, offset, aside = _NO_DISTANCE, _NO_DISTANCE, 0.0
     room = min(wall, wall + slope * chain.walls.pieces[i, LENGTH]) - distance - radius
     if not all_gaps and _leave_out(touch, c, room):
         return

@@ -39,11 +39,11 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Any:
     dimension = mechanism.dimension
     if isinstance(surroundings, _TABLES[dimension]):
         return surroundings
-    if not isinstance(surroundings, Surroundings):
+    if not isinstance(surroundings, Surroundings | Walls | SpatialWalls):
         raise InvalidInput("surroundings", surroundings, "Surroundings or None", "Surroundings([Disc((20, 50), 5)])")
-    if surroundings.dimension != dimension:
+    if not isinstance(surroundings, Surroundings) or surroundings.dimension != dimension:
         kinds = ", ".join(kind.__name__ for kind in (WALLS if dimension == 2 else SPATIAL_WALLS))
-        raise InvalidInput("surroundings", surroundings.walls, f"walls around {mechanism.title}: {kinds}")
+        raise InvalidInput("surroundings", surroundings, f"walls around {mechanism.title}: {kinds}")
     return surroundings.arrays(mechanism)
 
 
@@ -90,7 +90,11 @@ def walls_around(
 def equilibrium_among(start: Any, history: Any, n_links: int) -> Any:
     """The equilibrium among walls from which a step begins, the start or else the history; None if neither is one."""
     for each in (start, history):
-        if isinstance(each, Solution) and each.base_among_walls is not None and each.poses.shape[-2] == n_links:
+        if (
+            isinstance(each, Solution)
+            and each.base_among_walls is not None
+            and each.joint_angles.shape[-1] == n_links - 1
+        ):
             return each
     return None
 

@@ -173,12 +173,12 @@ class Tube(Boundary):
         """The frames at arc lengths t, (k,) [mm]; those below 0 or above `length` are on the straight ends."""
         t = np.atleast_1d(np.asarray(t, float))
         piece = np.clip(np.searchsorted(self.borders, t, side="right") - 1, 0, len(self.lengths) - 1)
-        inside = np.clip(t, 0.0, self.length)
+        nearest = np.clip(t, 0.0, self.length)
         curvatures, angles = np.array(self.curvatures)[piece], np.array(self.directions)[piece]
         frames = carried(
-            Frames(*(part[piece] for part in self.frames)), inside - self.borders[piece], curvatures, angles
+            Frames(*(part[piece] for part in self.frames)), nearest - self.borders[piece], curvatures, angles
         )
-        return frames._replace(points=frames.points + (t - inside)[:, None] * frames.tangents)
+        return frames._replace(points=frames.points + (t - nearest)[:, None] * frames.tangents)
 
     def points(self, t: ArrayLike) -> Array:
         """Points of the centre line at arc lengths t, (..., 3) [mm]."""
@@ -267,13 +267,13 @@ def _offsets(line: _Line, points: Array) -> tuple[Array, Array]:
     arcs = np.where(bent, np.arctan2(curvatures * u, 1.0 - curvatures * v) / curvatures, u)
     low = np.where(np.arange(count) == 0, -np.inf, 0.0)
     high = np.where(np.arange(count) == count - 1, np.inf, line.lengths)
-    inside = np.clip(arcs, low, high)
-    along = starts[:-1] + inside
-    flat = np.clip(inside, 0.0, line.lengths)
+    arc = np.clip(arcs, low, high)
+    along = starts[:-1] + arc
+    flat = np.clip(arc, 0.0, line.lengths)
     repeated = Frames(*(np.tile(part, (len(points), 1)) for part in frames))
     every = np.tile(line.curvatures, len(points)), np.tile(line.angles, len(points))
     there = carried(repeated, flat.ravel(), *every)
-    at = there.points + (inside - flat).reshape(-1, 1) * there.tangents
+    at = there.points + (arc - flat).reshape(-1, 1) * there.tangents
     vectors = points[:, None] - at.reshape(len(points), count, 3)
     best = np.argmin(np.linalg.norm(vectors, axis=-1), axis=1)
     rows = np.arange(len(points))

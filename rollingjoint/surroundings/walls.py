@@ -26,6 +26,7 @@ Row = tuple[float, ...]
 
 LARGEST_WALL_FRICTION = 1.0
 STIFFNESSES = (1e-6, 1e6)  # N/mm
+_UNIT = 1e-14  # rounding error of the length of a unit vector
 
 
 @dataclass(frozen=True)
@@ -345,6 +346,7 @@ def as_direction(what: str, values: object) -> Triple:
     length = math.hypot(x, y, z)
     if length == 0.0:
         raise InvalidInput(what, values, "a direction other than (0, 0, 0)")
+    length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
     return x / length, y / length, z / length
 
 

@@ -33,7 +33,8 @@ class Part(NamedTuple):
 
 PARTS = {
     "solves": Part(0.1, "solves recomputed", 1_000_000),
-    "walls": Part(0.1, "solves in contact", 100_000),
+    "walls": Part(0.05, "solves in contact", 100_000),
+    "walls_in_space": Part(0.05, "solves in contact in space", 5_000),
     "environments": Part(0.2, "environment steps", 1_000_000),
     "inputs": Part(0.2, "inputs", 10_000),
     "kills": Part(0.2, "kills", 100),

@@ -9,10 +9,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rollingjoint import CapstanFriction, Status, five_link, pitch_yaw, small_arm
+from rollingjoint import (
+    CapstanFriction,
+    Sleeve,
+    Sphere,
+    Status,
+    Surroundings,
+    five_link,
+    pitch_yaw,
+    small_arm,
+    solve_lengths,
+)
 from rollingjoint.chain.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
-from tests.attack import environments, found, inputs, ledger, minima, signals, solves, walls
+from tests.attack import environments, found, inputs, ledger, minima, signals, solves, walls, walls_in_space
+from tests.attack.around_space import Recomputed
 from tests.pages import rows
 
 ROWS = 64
@@ -295,3 +306,28 @@ def test_a_round_among_walls_finds_nothing(report):
         report.run(walls.attack, number)
     assert not report.failures
     assert report.counts["solves in contact"] > 100
+
+
+def in_contact_in_space():
+    """A sphere beside an arm that leans on it, and the equilibrium."""
+    arm = small_arm()
+    command = arm.neutral_lengths - 2.0 / arm.stiffnesses + np.array([-4.0, -2.0, 4.0, 2.0])
+    around = Surroundings([Sphere((19.0, 14.5, 62.0), 8.0, stiffness=2.0)], Sleeve(15.0))
+    result = solve_lengths(arm, command, tension_limits=(0.5, 30.0), surroundings=around)
+    return Recomputed(arm, around, command, (0.5, 30.0), (0.0, 0.0, 0.0)), result
+
+
+def test_numbers_that_are_wrong_are_noticed_among_walls_in_space():
+    case, result = in_contact_in_space()
+    assert result.wall_contacts and not walls_in_space.faults(case, result)
+    assert "joint moments" in walls_in_space.faults(case, replace(result, joint_angles=result.joint_angles + 1e-4))
+    more = replace(result.walls, forces=result.walls.forces * 1.01)
+    assert "wall forces" in walls_in_space.faults(case, replace(result, walls=more))
+
+
+@pytest.mark.slow
+def test_rounds_among_walls_in_space_find_nothing(report):
+    for number in range(6):
+        report.run(walls_in_space.attack, number)
+    assert not report.failures
+    assert report.counts["solves in contact in space"] > 3

@@ -38,11 +38,11 @@ def test_shipped_policy_scores_within_its_recorded_band(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_shipped_policy_is_small_and_says_where_it_comes_from(path):
     policy = load_policy(path)
-    assert path.stat().st_size < (1_000_000 if policy.has_memory else 100_000)
+    assert path.stat().st_size < (1_000_000 if policy.has_memory else 120_000)
     assert {"torch", "stable-baselines3", "rollingjoint", "python"} <= policy.training["versions"].keys()
     assert policy.training["config"]["algorithm"] == policy.algorithm
     assert policy.training["steps"] > 0
-    assert "/" not in json.dumps(policy.to_dict()).replace(policy.env_id, "").replace("[N/mm]", "")
+    assert "/" not in json.dumps(policy.to_dict()).replace(policy.env_id, "").replace("/mm]", "")
 
 
 class Noisy(ShippedPolicy):

@@ -3,9 +3,21 @@
 import pytest
 
 from agents.campaign import main as campaign
+from agents.codesign.__main__ import main as codesign
 from agents.runs import ready_made
 from agents.runs.config import load_config
-from agents.runs.ready_made import CAMPAIGN, KINDS, SEARCH, TRAIN, TUNE, configuration_file, copied, list_of, names
+from agents.runs.ready_made import (
+    CAMPAIGN,
+    CODESIGN,
+    KINDS,
+    SEARCH,
+    TRAIN,
+    TUNE,
+    configuration_file,
+    copied,
+    list_of,
+    names,
+)
 from agents.search.__main__ import main as search
 from agents.train import main
 from agents.tune import main as tune
@@ -44,7 +56,9 @@ def test_the_command_lists_and_copies(tmp_path, capsys):
         assert "expected the name of a ready-made configuration beside it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("command", "kind"), [(search, SEARCH), (campaign, CAMPAIGN), (tune, TUNE)])
+@pytest.mark.parametrize(
+    ("command", "kind"), [(search, SEARCH), (codesign, CODESIGN), (campaign, CAMPAIGN), (tune, TUNE)]
+)
 def test_the_other_commands_list_theirs(command, kind, capsys):
     with pytest.raises(SystemExit) as ended:
         command(["--list"])

@@ -206,6 +206,12 @@ def test_a_mechanism_has_its_own_shapes_at_no_distance_and_without_a_gradient():
     assert torch.isfinite(torch.autograd.grad(found.values.sum(), x)[0]).all()
 
 
+def test_more_tendons_are_swept_as_pairs():
+    mechanism, judge = rj.two_segment(), TipRotation(tension=8.0, ratio=1.4, cases=3)
+    angles = [solve_tensions(mechanism, [*row, *row]).require().poses[-1, 2] for row in judge.tensions]
+    assert measure(mechanism, [judge])[0] == pytest.approx(np.ptp(angles), rel=1e-9) and np.ptp(angles) > 0.1
+
+
 def test_joints_at_their_limits_count():
     at_limit, _ = CASES["shape at a joint's limit"]
     force = WorldForce(-1, at_limit.forces[0])

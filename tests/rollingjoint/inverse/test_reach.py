@@ -229,3 +229,33 @@ def test_with_a_history_the_step_with_friction_ends_at_the_target():
     np.testing.assert_allclose(again.tip, target, atol=1e-5)
     plain = rj.solve_lengths(rubs, there.lengths, loads, tension_limits=LIMITS)
     assert np.linalg.norm(plain.tip - target) > 1e-2  # friction counts
+
+
+def test_rows_with_loads_on_different_links_are_reached():
+    chain, rng = rj.two_segment(), np.random.default_rng(5)
+    loads = np.array([chain.load_table([rj.WorldForce(link, (0.2, -0.1))]) for link in (2, 4, 6) * 10])
+    aims = rj.solve_tensions_batch(chain, rng.uniform(*LIMITS, (30, 4)), loads).require()
+    reached = rj.reach_batch(chain, aims.tip, loads, LIMITS)
+    again = rj.solve_lengths_batch(chain, reached.lengths, loads, reached.joint_angles, tension_limits=LIMITS)
+    assert reached.ok.all() and np.abs(again.tip - aims.tip).max() < 1e-6
+
+
+def test_the_last_step_reports_no_target_as_reached_that_is_a_hair_out_of_reach():
+    chain = rj.five_link()
+    tensions = np.array([[LIMITS[0], LIMITS[1]]])
+    edge = rj.solve_tensions_batch(chain, tensions, load_of(chain)).require()
+    far = edge.tip + 1e-4 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    reached = rj.reach_batch(chain, far, load_of(chain), LIMITS)
+    out = ~np.asarray(reached.ok)
+    assert out.any() and (reached.status[out] == int(rj.ReachStatus.OUT_OF_REACH)).all()
+    assert (reached.distance[out] <= 1e-4 + 1e-9).all()
+
+
+def test_each_row_of_a_batch_has_its_own_mechanism():
+    chains = [rj.five_link(), rj.preset("uniform")]
+    tips = np.array([rj.solve_tensions(chain, [3.0, 2.0]).tip for chain in chains])
+    reached = rj.reach_batch(chains, tips, (), LIMITS)
+    assert reached.ok.all() and reached.equilibrium.mechanism == tuple(chains)
+    for row, chain in enumerate(chains):
+        again = rj.solve_lengths(chain, reached.lengths[row], tension_limits=LIMITS)
+        np.testing.assert_allclose(again.tip, tips[row], atol=1e-6)

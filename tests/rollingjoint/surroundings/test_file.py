@@ -13,9 +13,12 @@ from rollingjoint import (
     Disc,
     HalfPlane,
     Lumen,
+    Plane,
     Polygon,
     Sleeve,
+    Sphere,
     Surroundings,
+    Tube,
     WallFriction,
     solve_tensions,
     two_segment,
@@ -33,6 +36,12 @@ WALLS = [
     Polygon([(0, 0), (4, 0), (0, 4)], 0.25),
     Lumen([30, 40], [0, 0.02], [8, 8, 7], (1.0, 2.0, 1.5)),
 ]
+IN_SPACE = [
+    Plane((0.6, 0.0, 0.8), -25.0, stiffness_per_length=0.5),
+    Sphere((1, 2, 60), 3, friction=WallFriction(0.4, 0.1)),
+    Capsule((0, 0, 9), (1, 1, 30), 2),
+    Tube([30, 40], [0, 0.02], [0.0, 1.5], [8, 8, 7], (1.0, 2.0, 3.0), (0, 1, 1), stiffness=2.0),
+]
 
 
 @pytest.mark.parametrize(
@@ -41,8 +50,9 @@ WALLS = [
         Surroundings(WALLS, Sleeve(8.0), WallFriction(0.2)),
         Surroundings(WALLS[1:], Bare(0.5, 4)),
         Surroundings([Disc((1, 2), 3)], rigid=True),
+        Surroundings(IN_SPACE, Bare(0.5, 4, 6), WallFriction(0.2)),
     ],
-    ids=["all", "bare", "rigid"],
+    ids=["all", "bare", "rigid", "in space"],
 )
 def test_surroundings_come_back_from_their_yaml(around):
     text = dump_yaml(surroundings_to_dict(around))

@@ -214,7 +214,7 @@ def test_wrong_inputs_are_named():
     with pytest.raises(rj.InvalidInput, match="number of surroundings"):
         rj.solve_lengths_batch(CHAIN, COMMANDS, surroundings=[around])
     arm = rj.small_arm()
-    with pytest.raises(rj.InvalidInput, match="mechanism"):
+    with pytest.raises(rj.InvalidInput, match="Plane, Sphere, Capsule, Tube"):
         rj.solve_lengths(arm, arm.neutral_lengths, surroundings=around)
     assert rj.solve_lengths(CHAIN, REST, surroundings=around, base=(np.nan, 0, 0)).status is rj.Status.INVALID_INPUT
 

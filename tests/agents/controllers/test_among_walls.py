@@ -1,0 +1,67 @@
+"""Controllers among walls: ways around obstacles, the pace at which they are gone, the leader's last millimetres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import rj_gym  # noqa: F401
+from agents.controllers.among_walls import (
+    TEACHERS,
+    Feedback,
+    FollowTheLeader,
+    PlanAround,
+    WallController,
+    _neighbours,
+    _paced,
+)
+from rj_gym import SURROUNDINGS_IDS
+from rollingjoint import Disc
+
+
+def ended(env_id: str, controller: WallController, options: dict[str, Any], lanes: int = 1, **settings: Any) -> Any:
+    """The infos at the end of the episodes with these options."""
+    envs: Any = gymnasium.make_vec(env_id, lanes, "vector_entry_point", autoreset_mode="Disabled", **settings)
+    infos = envs.reset(seed=9_100_003, options=options)[1]
+    controller.begin(envs.unwrapped, infos)
+    for _ in range(envs.unwrapped.config.episode_steps):
+        infos = envs.step(controller.act(envs.unwrapped).astype(np.float32))[-1]
+    envs.close()
+    return infos
+
+
+def test_a_plan_leads_around_a_disc_that_stops_heavily_damped_feedback() -> None:
+    discs = [Disc((-18.0, 83.5), 4.5, stiffness=2.0), Disc((50.5, 68.6), 5.4, stiffness=2.0)]
+    options = {"discs": discs, "target": (-29.7, 71.9)}
+    planned, stuck, light = (
+        ended("rj_gym/Obstacles-v0", controller, options)
+        for controller in (PlanAround(), Feedback(aware=False), Feedback(aware=False, step_mm=8.0, damping=0.3))
+    )
+    assert planned["success"][0] and planned["peak_wall_force"][0] < 0.1
+    assert stuck["error_mm"][0] > 10.0 and not stuck["success"][0]
+    assert light["success"][0] and light["peak_wall_force"][0] > 0.2
+
+
+def test_a_way_is_gone_at_its_pace_and_to_its_end() -> None:
+    places = np.array([[0.0, 0.0], [1.0, -2.5], [1.0, -2.5], [4.0, 0.0]])
+    steps = _paced(places, 0.7)
+    assert np.abs(np.diff(np.vstack([places[:1], steps]), axis=0)).max() <= 0.7 + 1e-9
+    assert np.array_equal(steps[-1], places[-1]) and len(steps) == 8  # ways of 2.5 and 3 mm
+
+
+def test_nodes_of_a_grid_have_each_neighbour_once() -> None:
+    pairs = {frozenset(pair) for pair in _neighbours((3, 4)).T.tolist()}
+    assert len(pairs) == _neighbours((3, 4)).shape[1] == 3 * 3 + 2 * 4 + 2 * 2 * 3
+    assert frozenset((0, 5)) in pairs and frozenset((3, 4)) not in pairs
+
+
+def test_the_leader_stretches_where_the_base_has_come_to_its_end() -> None:
+    """A target 1 mm beyond the base's reach: it is approached without strain."""
+    infos = ended("rj_gym/Lumen-v0", FollowTheLeader(), {"depth": 66.0}, families=["gentle"])
+    assert infos["feed"][0] > 70.0 and infos["success"][0] and infos["peak_wall_force"][0] < 0.9
+
+
+def test_every_task_among_walls_has_a_teacher() -> None:
+    assert set(TEACHERS) == set(SURROUNDINGS_IDS.values())

@@ -1,0 +1,64 @@
+"""The shipped generalist, and the commands of docs/generalist.md."""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import evaluate, train
+from agents.controllers import JacobianFeedback
+from agents.evaluation.rollout import run_episodes
+from agents.policies.export import policy_in_run
+from agents.runs.environment import EnvConfig
+from agents.shipped import load_policy
+
+PAGE = Path("docs/generalist.md").read_text("utf-8")
+FEW = "total_timesteps=60 env.n_envs=3 env.settings.mechanisms.designs=[0,4] env.settings.episode_steps=10"
+
+
+def test_the_generalist_is_at_the_floor_of_feedback_on_designs_that_it_has_not_seen():
+    settings = {"mechanisms": {"designs": (2_000_000, 2_000_008)}}
+    env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=settings)
+    errors = {
+        name: np.median(run_episodes(env, controller, range(60, 68)).last_errors)
+        for name, controller in {"policy": load_policy("generalist"), "model": JacobianFeedback()}.items()
+    }
+    assert errors["policy"] < 1.2 * errors["model"] + 0.02
+
+
+def test_a_run_with_many_mechanisms_is_trained_and_exported(tmp_path):
+    few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
+    arguments = ["--config", "configs/train/generalist.yaml", "--run-dir", str(tmp_path / "run")]
+    assert train.main([*arguments, *(word for one in few for word in ("--set", one))]) == 0
+    (file,) = tmp_path.glob("run/best/policy.safetensors")
+    policy = policy_in_run(file)
+    again = type(policy).from_bytes(policy.to_bytes())
+    assert again.settings == policy.settings and again.sha256 == policy.sha256
+    observation, _ = again.make_env().reset(seed=0)
+    assert np.array_equal(again(observation), policy(observation))
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_page_run(tmp_path, monkeypatch, no_pictures):
+    import importlib.util
+
+    script = Path("benchmarks/generalist.py").resolve()
+    for name in ("configs", "docs"):
+        (tmp_path / name).symlink_to(Path(name).resolve())
+    monkeypatch.chdir(tmp_path)
+    commands = "".join(re.findall(r"^```bash\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)).splitlines()
+    assert len(commands) == 3
+    few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
+    _, _, *arguments = shlex.split(commands[0])
+    assert train.main([*arguments, *(word for one in few for word in ("--set", one))]) == 0
+    _, _, *arguments = shlex.split(commands[1])
+    assert evaluate.main([*arguments, "--episodes", "2"]) == 0
+    spec = importlib.util.spec_from_file_location("generalist_benchmark", script)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["generalist_benchmark"] = module
+    spec.loader.exec_module(module)
+    assert module.main(["--designs", "6", "--episodes", "1"]) == 0
+    sys.modules.pop("generalist_benchmark")
