@@ -59,17 +59,17 @@ def find_balls(picture: ArrayLike, kind: str = "dark", diameter: float | None = 
     labels, count = ndimage.label(smooth > _HALF * most)
     spots = [(place, labels[place] == label) for label, place in enumerate(ndimage.find_objects(labels, count), 1)]
     spots = [
-        (place, inside)
-        for place, inside in spots
-        if inside.sum() >= _LEAST and _is_whole(place, contrast.shape) and _is_round(inside)
+        (place, mask)
+        for place, mask in spots
+        if mask.sum() >= _LEAST and _is_whole(place, contrast.shape) and _is_round(mask)
     ]
-    areas = np.array([float(inside.sum()) for _, inside in spots])
+    areas = np.array([float(mask.sum()) for _, mask in spots])
     if not len(areas):
         return np.empty((0, 2))
     usual = float(np.median(areas)) if diameter is None else 0.25 * np.pi * diameter**2
-    kept = (areas > _SIZES[0] * usual) & (areas < _SIZES[1] * usual)
+    fitting = (areas > _SIZES[0] * usual) & (areas < _SIZES[1] * usual)
     signal = ndimage.gaussian_filter(signal, _BLUR)
-    centres = [_centre(signal, place, inside) for (place, inside), fits in zip(spots, kept, strict=True) if fits]
+    centres = [_centre(signal, place, mask) for (place, mask), fits in zip(spots, fitting, strict=True) if fits]
     return np.array(centres).reshape(-1, 2)
 
 
@@ -100,15 +100,15 @@ def _is_whole(place: tuple[slice, slice], shape: tuple[int, ...]) -> bool:
     return all(one.start > _RIM and one.stop < size - _RIM for one, size in zip(place, shape, strict=True))
 
 
-def _is_round(inside: NDArray[np.bool_]) -> bool:
+def _is_round(mask: NDArray[np.bool_]) -> bool:
     """Whether a spot is about an ellipse, and nearly a circle."""
-    y, x = np.nonzero(inside)
+    y, x = np.nonzero(mask)
     spread = np.cov(np.stack([x, y])) + np.eye(2) / 12.0  # of the pixels themselves
     small, large = np.sqrt(np.linalg.eigvalsh(spread))
     return bool(large < _ROUND * small and len(x) > _FULL * 4.0 * np.pi * small * large)
 
 
-def _centre(signal: Array, place: tuple[slice, slice], inside: NDArray[np.bool_]) -> tuple[float, float]:
+def _centre(signal: Array, place: tuple[slice, slice], spot_mask: NDArray[np.bool_]) -> tuple[float, float]:
     """Mean of a spot and its rim, weighted with the signal between that of the spot and of the ring around, (x, y).
 
     Within the spot weights are equal, so that light from one side does not move it.
@@ -117,11 +117,11 @@ def _centre(signal: Array, place: tuple[slice, slice], inside: NDArray[np.bool_]
     top, left = max(rows.start - 2 * _RIM, 0), max(columns.start - 2 * _RIM, 0)
     window = signal[top : rows.stop + 2 * _RIM, left : columns.stop + 2 * _RIM]
     mask = np.zeros(window.shape, bool)
-    mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
-    near, far = (ndimage.binary_dilation(mask, iterations=count) for count in (_RIM, 2 * _RIM))
-    ring, spot = float(np.median(window[far & ~near])), float(np.median(window[mask]))
+    mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = spot_mask
+    rim, surroundings = (ndimage.binary_dilation(mask, iterations=count) for count in (_RIM, 2 * _RIM))
+    ring, spot = float(np.median(window[surroundings & ~rim])), float(np.median(window[mask]))
     share = (window - ring) / max(spot - ring, 1e-9)
-    weights = np.where(near, np.clip(share, *_EDGE) - _EDGE[0], 0.0)
+    weights = np.where(rim, np.clip(share, *_EDGE) - _EDGE[0], 0.0)
     y, x = np.mgrid[top : top + window.shape[0], left : left + window.shape[1]]
     total = max(float(weights.sum()), 1e-9)
     return float((weights * x).sum() / total), float((weights * y).sum() / total)

@@ -54,14 +54,14 @@ def view_of_board(picture: ArrayLike, pitch: float, kind: str = "dark") -> Board
     as_positive("pitch", pitch, "a positive number [mm]")
     shape = np.shape(picture)
     dots = find_balls(picture, kind)
-    places, kept = _on_a_grid(dots)
-    if len(kept) < LEAST_DOTS:
+    places, members = _on_a_grid(dots)
+    if len(members) < LEAST_DOTS:
         hint = "Fill the picture with the board, lit evenly."
-        raise InvalidInput("dots of the board", len(kept), f"{LEAST_DOTS} or more that form a square grid", hint)
-    pixels, places = dots[kept], pitch * (places - np.round(places.mean(axis=0)))
+        raise InvalidInput("dots of the board", len(members), f"{LEAST_DOTS} or more that form a square grid", hint)
+    pixels, places = dots[members], pitch * (places - np.round(places.mean(axis=0)))
     bare = PlaneView((shape[1], shape[0]), np.eye(3))
-    seen = (pixels - bare.middle) / bare.half_diagonal
-    first = _homography(places, seen)
+    normalised = (pixels - bare.middle) / bare.half_diagonal
+    first = _homography(places, normalised)
     scale = np.array([1.0 / np.abs(places).max()] * 2 + [1.0])  # columns of like size
 
     def view(values: Array) -> PlaneView:
@@ -69,20 +69,20 @@ def view_of_board(picture: ArrayLike, pitch: float, kind: str = "dark") -> Board
         return PlaneView(bare.size, H, (float(values[8]), float(values[9])), (float(values[10]), float(values[11])))
 
     def misfit(values: Array) -> Array:
-        away = (view(values).pixels(places) - pixels) / bare.half_diagonal
-        away = np.nan_to_num(away, nan=1.0)
-        return np.concatenate([away.ravel() / _DOT_SD, values[10:] / _CENTRE_SD])
+        errors = (view(values).pixels(places) - pixels) / bare.half_diagonal
+        errors = np.nan_to_num(errors, nan=1.0)
+        return np.concatenate([errors.ravel() / _DOT_SD, values[10:] / _CENTRE_SD])
 
     start = np.concatenate([(first / scale).ravel()[:8], np.zeros(4)])
-    found = view(least_squares(misfit, start, method="trf", x_scale="jac", loss="soft_l1", f_scale=3.0).x)
-    return BoardView(found, pixels, places, found.places(pixels) - places)
+    best = view(least_squares(misfit, start, method="trf", x_scale="jac", loss="soft_l1", f_scale=3.0).x)
+    return BoardView(best, pixels, places, best.places(pixels) - places)
 
 
-def _homography(places: Array, seen: Array) -> Array:
+def _homography(places: Array, normalised: Array) -> Array:
     """The homography that takes places to normalised pixels, by the direct linear transformation, (3, 3)."""
     size = np.abs(places).max()
     x, y = (places / size).T
-    u, v = seen.T
+    u, v = normalised.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     rows = np.concatenate(
         [
@@ -112,13 +112,17 @@ def _on_a_grid(dots: Array) -> tuple[Array, NDArray[np.int64]]:
         right, up = steps_at[here]
         for direction, (i, j) in enumerate([(1, 0), (-1, 0), (0, 1), (0, -1)]):
             there = places[here][0] + i, places[here][1] + j
-            distance, other = tree.query(dots[here] + i * right + j * up)
-            other = int(other)
-            if there in taken or other in places or distance > _NEAR * min(np.linalg.norm(right), np.linalg.norm(up)):
+            distance, neighbour = tree.query(dots[here] + i * right + j * up)
+            neighbour = int(neighbour)
+            if (
+                there in taken
+                or neighbour in places
+                or distance > _NEAR * min(np.linalg.norm(right), np.linalg.norm(up))
+            ):
                 continue
-            way = (dots[other] - dots[here]) * (i + j)
-            places[other], steps_at[other] = there, (way, up) if direction < 2 else (right, way)
+            way = (dots[neighbour] - dots[here]) * (i + j)
+            places[neighbour], steps_at[neighbour] = there, (way, up) if direction < 2 else (right, way)
             taken.add(there)
-            waiting.append(other)
-    kept = np.array(sorted(places))
-    return np.array([places[k] for k in kept], float), kept
+            waiting.append(neighbour)
+    members = np.array(sorted(places))
+    return np.array([places[k] for k in members], float), members

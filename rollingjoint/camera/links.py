@@ -60,13 +60,15 @@ class LinkBalls:
         Args:
             places: of balls in the plane of the picture, in any order and frame, (N, 2) [mm].
         """
-        seen = np.asarray(places, float).reshape(-1, 2)
-        seen = seen[np.isfinite(seen).all(axis=1)]
+        points = np.asarray(places, float).reshape(-1, 2)
+        points = points[np.isfinite(points).all(axis=1)]
         n = self.mechanism.n_links
         result = np.full((n, 3), np.nan)
-        if len(seen) > MOST_BALLS:
-            raise InvalidInput("balls in the picture", len(seen), f"at most {MOST_BALLS}", "Cover what else is round.")
-        candidates = self._candidates(seen)
+        if len(points) > MOST_BALLS:
+            raise InvalidInput(
+                "balls in the picture", len(points), f"at most {MOST_BALLS}", "Cover what else is round."
+            )
+        candidates = self._candidates(points)
         if not len(candidates):
             return result
         chains = [self._followed(first, candidates) for first in range(len(candidates))]
@@ -75,28 +77,28 @@ class LinkBalls:
         result[: len(members)] = _relative(base, candidates[members])
         return result
 
-    def _candidates(self, seen: Array) -> Array:
+    def _candidates(self, points: Array) -> Array:
         """Poses of all triangles among the places, (K, 3)."""
         balls = np.asarray(self.balls)
-        apart = np.linalg.norm(seen[:, None] - seen[None], axis=-1)
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
         a, b, c = _sides(balls)
-        found = []
+        poses = []
         for i, j in np.argwhere(np.abs(apart - a) < self.tolerance):
             for k in np.flatnonzero((np.abs(apart[j] - b) < self.tolerance) & (np.abs(apart[i] - c) < self.tolerance)):
-                pose, rms = _fitted(balls, seen[[i, j, k]])
+                pose, rms = _fitted(balls, points[[i, j, k]])
                 if rms < self.tolerance:
-                    found.append(pose)
-        return np.array(found).reshape(-1, 3)
+                    poses.append(pose)
+        return np.array(poses).reshape(-1, 3)
 
     def _followed(self, first: int, candidates: Array) -> tuple[list[int], float]:
         """The links that follow from a base, as places among the candidates, and how far they are off in all [mm]."""
         members, off = [first], 0.0
         for curve in self._joints:
             steps = _relative(candidates[members[-1]], candidates)
-            away = np.linalg.norm(steps[:, None, :2] - curve[:, :2], axis=-1)
+            distances = np.linalg.norm(steps[:, None, :2] - curve[:, :2], axis=-1)
             arm = np.abs(np.asarray(self.balls)).max()
-            away = away + arm * np.abs(_turn(steps[:, None, 2] - curve[:, 2]))
-            nearest = away.min(axis=1)
+            distances = distances + arm * np.abs(_turn(steps[:, None, 2] - curve[:, 2]))
+            nearest = distances.min(axis=1)
             nearest[members] = np.inf
             chosen = int(np.argmin(nearest))
             if not nearest[chosen] < _LONGEST_WAY:
@@ -111,13 +113,13 @@ def _sides(balls: Array) -> Array:
     return np.asarray(np.linalg.norm(np.roll(balls, -1, axis=0) - balls, axis=1))
 
 
-def _fitted(balls: Array, seen: Array) -> tuple[Array, float]:
+def _fitted(balls: Array, points: Array) -> tuple[Array, float]:
     """The pose that takes balls to where they were seen, by least squares, and what is left [mm]; inf: mirrored."""
-    a, b = balls - balls.mean(axis=0), seen - seen.mean(axis=0)
+    a, b = balls - balls.mean(axis=0), points - points.mean(axis=0)
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     turn = _rotation(angle)
-    place = seen.mean(axis=0) - turn @ balls.mean(axis=0)
-    left = balls @ turn.T + place - seen
+    place = points.mean(axis=0) - turn @ balls.mean(axis=0)
+    left = balls @ turn.T + place - points
     return np.array([*place, angle]), float(np.sqrt((left**2).sum(axis=1).mean()))
 
 

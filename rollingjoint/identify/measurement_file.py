@@ -72,20 +72,20 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
 
 def _with_photographs(where: str, steps: object, camera: Photographs, folder: Path) -> list[Any]:
     """Steps with the poses of their photographs in place of these."""
-    seen: list[Any] = []
+    result: list[Any] = []
     for place, step in numbered(where, steps):
         if not isinstance(step, Mapping) or "photograph" not in step:
-            seen.append(step)
+            result.append(step)
             continue
-        if other := [key for key in SHAPES if key in step and key != "photograph"]:
-            raise ConfigError(place, ["photograph", *other], "one of poses, positions, tip and photograph")
+        if others := [key for key in SHAPES if key in step and key != "photograph"]:
+            raise ConfigError(place, ["photograph", *others], "one of poses, positions, tip and photograph")
         poses = camera.poses(read_picture(folder / text(f"{place}.photograph", step["photograph"])))
         if not np.isfinite(poses[1:]).any():
             hint = "Are there three balls on every link, as camera.balls has them, and nothing else that is round?"
             raise ConfigError(f"{place}.photograph", step["photograph"], "a picture in which links are seen", hint)
         rows = [row.tolist() if np.isfinite(row).all() else None for row in poses]
-        seen.append({key: value for key, value in step.items() if key != "photograph"} | {"poses": rows})
-    return seen
+        result.append({key: value for key, value in step.items() if key != "photograph"} | {"poses": rows})
+    return result
 
 
 def _mechanism(where: str, value: object, folder: Path) -> AnyChain:
