@@ -129,7 +129,11 @@ def _scenes(arguments: argparse.Namespace) -> dict[str, WallScene]:
     if any(arguments.base) and not arguments.surroundings:
         raise ConfigError("--base", arguments.base, "--surroundings beside it")
     x, y, angle = (as_number("--base", value) for value in arguments.base)
-    return {Path(name).stem: WallScene(load_surroundings(name), (x, y, angle)) for name in arguments.surroundings}
+    every = {name: load_surroundings(name) for name in arguments.surroundings}
+    for name, around in every.items():
+        if around.dimension == 3:
+            raise ConfigError("--surroundings", name, "walls of the plane", "rj plot draws walls in space.")
+    return {Path(name).stem: WallScene(around, (x, y, angle)) for name, around in every.items()}
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -132,7 +132,9 @@ def surroundings_of(args: argparse.Namespace, mechanism: AnyChain) -> dict[str, 
     if getattr(args, "method", None) == "least_squares":
         raise InvalidInput("--surroundings", args.surroundings, "--method elastic")
     given = args.base or [0.0, 0.0, 0.0]
-    base = counted("--base", given, 6 if mechanism.dimension == 3 and len(given) > 3 else 3)
+    if mechanism.dimension == 3 and len(given) not in (3, 6):
+        raise InvalidInput("--base", given, "3 numbers X Y Z, or 6 with a rotation vector, for this mechanism")
+    base = counted("--base", given, len(given) if mechanism.dimension == 3 else 3)
     return {"surroundings": load_surroundings(args.surroundings), "base": base}
 
 

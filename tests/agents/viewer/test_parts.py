@@ -169,6 +169,9 @@ NAMES = [
 ]
 
 
+IN_SPACE = Path(__file__).resolve().parents[3] / "configs/surroundings/in_space.yaml"
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_names_from_files_are_shown_as_they_are(name):
     reader = pytest.importorskip("markdown_it", reason="markdown-it-py is not installed")
@@ -188,6 +191,7 @@ def test_names_from_files_are_shown_as_they_are(name):
         (["--host", "192.168.1.4"], "--exposed"),
         (["--host", "example.org"], "expected 127.0.0.1"),
         (["--port", "70000"], "--port"),
+        (["--surroundings", str(IN_SPACE)], "expected walls of the plane"),
         (["--episodes", "nobody"], "one of arm_instrument"),
         (["--search", "."], "finished run"),
         (["--run", "."], "config.yaml"),

@@ -150,6 +150,10 @@ def test_rj_draws_the_walls_of_a_file(tmp_path):
         ),
         (f"two_segment --lengths 50 50 90 90 --method least_squares --surroundings {SHIPPED}", "--method elastic"),
         ("two_segment --tensions 3 1 1 2 --surroundings none.yaml", "none.yaml"),
+        (
+            f"pitch_yaw --tensions 3 1 1 2 --surroundings {SHIPPED.with_name('in_space.yaml')} --base 0 1",
+            "--base = [0.0, 1.0]: expected 3 numbers X Y Z, or 6 with a rotation vector, for this mechanism.",
+        ),
         (f"two_segment --tensions 3 1 1 2 --surroundings {SHIPPED} --base 0 1 nan", "--base number 2 = nan"),
     ],
 )
