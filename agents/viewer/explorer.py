@@ -176,7 +176,7 @@ class Explorer:
         if self.found.walls is None or not self.found.ok:
             return []
         touches = zip(*places_and_forces(self.found), self.found.wall_contacts, strict=True)
-        return [(place, force, self._sticks(touch)) for place, force, touch in touches]
+        return [(place, force, touch.sticks) for place, force, touch in touches]
 
     @property
     def wall_line(self) -> str:
@@ -188,7 +188,7 @@ class Explorer:
         if not touches:
             return ", ".join(filter(None, [jump, f"no link touches a wall, the nearest {self._nearest():.1f} mm away"]))
         deepest, strongest = min(touch.gap for touch in touches), max(touch.force for touch in touches)
-        sticking = sum(map(self._sticks, touches))
+        sticking = sum(touch.sticks for touch in touches)
         rubbing = f"{sticking} stick, {len(touches) - sticking} slip" if self.found.walls.memory is not None else ""
         contacts = f"**{len(touches)} contact{'s' * (len(touches) > 1)}**"
         forces = f"at most {strongest:.2f} N and {-deepest:.2f} mm deep"
@@ -206,12 +206,9 @@ class Explorer:
         return [
             [str(touch.link), f"{touch.kind} {touch.wall}"]
             + [f"{value + 0.0:.3f}" for value in (touch.gap, touch.force, touch.friction)]
-            + ["sticks" if self._sticks(touch) else "slips" if self.found.walls.memory is not None else ""]
+            + ["sticks" if touch.sticks else "slips" if self.found.walls.memory is not None else ""]
             for touch in self.found.wall_contacts
         ]
-
-    def _sticks(self, touch: Any) -> bool:
-        return bool(touch.sticks) and self.found.walls.memory is not None
 
     @property
     def loads(self) -> list[WorldForce]:

@@ -39,10 +39,12 @@ class WallContact(NamedTuple):
         place: where they touch [mm]. normal: unit normal of the wall there, to the link.
         gap: negative where a compliant wall gives way [mm]. force: normal force N by its law [N].
         friction: -mu N state, positive to the right of the normal; in space its size, mu N state [N].
-        state: friction state, -1 to 1; in space its size, 0 to 1. sticks: whether its size is below 1.
+        state: friction state, -1 to 1; in space its size, 0 to 1. sticks: whether its size is below 1; False where
+            the wall or the step is without friction.
         force_on_link: as it is in the balance, (2,) or (3,) [N]: those of a link add up to its wall_forces. Its parts
             along the normal and the wall are force and friction, but for small shares of them where a lumen tapers (the
-            square of the slope) and, in the plane, where a bent wall gives way (depth over bend radius).
+            square of the slope, in the plane the slope times the friction too) and, in the plane, where a bent wall
+            gives way (depth over bend radius).
         candidate: number of the pair (kernels.walls.Walls).
     """
 
@@ -183,7 +185,14 @@ class WallStep:
         of_gap, of_way = places[:, 2:4], places[:, 4:]
         friction = -mu * normals * states
         forces = normals[:, None] * of_gap + friction[:, None] * of_way
-        return _listed(table, places[:, :2], of_gap, gaps, normals, (friction, states, forces))
+        return _listed(table, places[:, :2], of_gap, gaps, normals, (friction, states, self._rubs(mu, states), forces))
+
+    def _rubs(self, mu: Array, states: Array) -> NDArray[np.bool_]:
+        """(C,) whether candidates of a row rub: a wall with friction in a step with a history.
+
+        A path has no memory, as its first step has none: there, states tell which rows are steps with friction.
+        """
+        return (mu > 0.0) & (self.memory is not None or bool(states.any()))
 
 
 class SpatialWallStep(WallStep):
@@ -203,7 +212,8 @@ class SpatialWallStep(WallStep):
         sizes = np.linalg.norm(states, axis=1)
         sizes = np.where(sizes > 1.0 - _SLIPS, 1.0, sizes)
         forces = normals[:, None] * of_gap - drag
-        return _listed(table, places[:, :3], of_gap, gaps, normals, (mu * normals * sizes, sizes, forces))
+        rubbing = mu * normals * sizes, sizes, self._rubs(mu, states), forces
+        return _listed(table, places[:, :3], of_gap, gaps, normals, rubbing)
 
 
 def _listed(
@@ -212,10 +222,10 @@ def _listed(
     gradients: Array,
     gaps: Array,
     normals: Array,
-    rubbing: tuple[Array, Array, Array],
+    rubbing: tuple[Array, Array, NDArray[np.bool_], Array],
 ) -> list[WallContact]:
-    """The candidates that press; rubbing: friction, its states, and forces on the links."""
-    friction, states, forces = rubbing
+    """The candidates that press; rubbing: friction, its states, whether they rub, and forces on the links."""
+    friction, states, rubs, forces = rubbing
     return [
         WallContact(
             link=int(table[c, 0]),
@@ -227,7 +237,7 @@ def _listed(
             force=float(normals[c]),
             friction=float(friction[c]),
             state=float(states[c]),
-            sticks=bool(abs(states[c]) < 1.0),
+            sticks=bool(rubs[c] and abs(states[c]) < 1.0),
             force_on_link=forces[c],
             candidate=int(c),
         )

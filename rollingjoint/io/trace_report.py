@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.status import Status
 from rollingjoint.io.path_file import BASE, UNITS
-from rollingjoint.statics.among import has_wall_friction
 from rollingjoint.tables import csv_text, fixed, text_table
 
 Array = NDArray[np.float64]
@@ -78,8 +77,8 @@ class TracedPath:
     @property
     def wall_columns(self) -> dict[str, Array]:
         """Contact with walls at every step: numbers of contacts and of those that stick, forces, jumps of the pose."""
-        touches, rubs = self.path.wall_contacts, has_wall_friction(self.path.walls.walls)
-        sticking = [sum(touch.sticks for touch in every) if rubs and step else 0 for step, every in enumerate(touches)]
+        touches = self.path.wall_contacts
+        sticking = [sum(touch.sticks for touch in every) for every in touches]
         forces = self.path.wall_forces
         columns = {
             "wall_contacts": np.array([len(every) for every in touches]),

@@ -55,6 +55,10 @@ def _draw_arm(what: HingeChain | SpatialChain | EquilibriumInSpace, figure: Figu
     ax = plot_arm(what, figure.add_subplot(projection="3d"), friction=friction)
     if isinstance(what, EquilibriumInSpace) and what.loads[:, _FZ].sum() > 0:
         ax.invert_zaxis()  # a hanging arm
+    legend = ax.get_legend()
+    if isinstance(what, EquilibriumInSpace) and what.walls is not None and legend is not None:
+        legend.set_loc("upper right")  # walls fill the axes, and would lie below it
+        legend.set_bbox_to_anchor((0.0, 1.0), transform=ax.transAxes)
     return ax
 
 

@@ -83,10 +83,13 @@ def save_wall_film(
         file: a name that ends in .gif.
         label: the name of the input, with its unit.
     Raises:
-        InvalidInput: another number of inputs, equilibria without surroundings, another suffix, no such folder.
+        InvalidInput: another number of inputs, equilibria without surroundings or in space, another suffix, no such
+            folder.
     """
     if len(path) != len(inputs) or not path or any(eq.walls is None for eq in path):
         raise InvalidInput("path", f"{len(path)} equilibria", f"{len(inputs)} equilibria among walls, one per input")
+    if len(path[0].tip) != 2:
+        raise InvalidInput("path", path[0], "equilibria of a planar chain")
     return save_gif(_wall_pictures(path, np.asarray(inputs, float), label), gif_path(file))
 
 

@@ -89,7 +89,7 @@ def draw_pressed(
         draw_arrow(ax, place, arrow_scale * force, eq.chain.length, _ARROW, f"wall force ({scale_text(arrow_scale)})")
     colors = force_colors([eq]) if colors is None else colors
     tones = colors.to_rgba(np.array([touch.force for touch in contacts]))
-    edges = [STICKS_COLOR if touch.sticks and eq.walls.memory is not None else "black" for touch in contacts]
+    edges = [STICKS_COLOR if touch.sticks else "black" for touch in contacts]
     x, y = places.T
     ax.scatter(x, y, s=34, c=tones, edgecolors=edges, linewidths=1.3, zorder=ORDER["load"] + 0.5)
     if STICKS_COLOR in edges:
@@ -130,7 +130,7 @@ def _draw_walls(ax: Axes, step: WallStep, places: Array) -> None:
         ax.fill(*closed(strip).T, label="wall", **_WALL)
 
 
-def plot_wall_contacts(path: Sequence[Equilibrium], inputs: Sequence[float], label: str = "feed [mm]") -> Figure:
+def plot_wall_contacts(path: Sequence[Solution], inputs: Sequence[float], label: str = "feed [mm]") -> Figure:
     """A figure of a path among walls: stick and slip of every contact, and the force that drives the base.
 
     Args:
@@ -157,7 +157,8 @@ def plot_wall_contacts(path: Sequence[Equilibrium], inputs: Sequence[float], lab
     )
     held = sticks > 0.0
     top.plot(steps[held], links[held], "o", markersize=2.2, color=STICKS_COLOR, label="sticks")
-    top.set(ylabel="link", yticks=range(1, path[0].chain.n_links), ylim=(0.5, path[0].chain.n_links - 0.5))
+    count = path[0].mechanism.n_links
+    top.set(ylabel="link", yticks=range(1, count), ylim=(0.5, count - 0.5))
     if held.any():
         top.legend(loc="lower left")
     figure.colorbar(image, ax=top, label="state: ±1 slips", ticks=(-1, 0, 1))

@@ -79,7 +79,7 @@ def draw_surroundings_in_space(ax: Axes3D, equilibrium: EquilibriumInSpace, scal
     points, colors = points + base[:3, 3], force_colors([equilibrium])
     per_newton = nice_scale(np.linalg.norm(forces, axis=1), equilibrium.mechanism.length)
     tones = colors.to_rgba(np.array([touch.force for touch in contacts]))
-    edges = [STICKS_COLOR if touch.sticks and step.memory is not None else "black" for touch in contacts]
+    edges = [STICKS_COLOR if touch.sticks else "black" for touch in contacts]
     ax.scatter(*points.T, s=28, c=tones, edgecolors=edges, linewidths=1.2, depthshade=False, zorder=10)
     label = f"wall force ({scale_text(per_newton)})"
     ax.quiver(*points.T, *(per_newton * forces).T, color=PRESSED_COLOR, linewidth=1.6, label=label, zorder=9)

@@ -111,13 +111,15 @@ class Surroundings:
         Args:
             chain: with links as HasLinks has them, or for walls in space a chain of outline.HasAxes.
         Raises:
-            InvalidInput: links that the outline does not fit.
+            InvalidInput: links that the outline does not fit, a tube that is nowhere wider than the outline.
         """
         kept = self.arrays_of(chain)
         if kept is not None:
             return kept
         in_space = self.dimension == 3
         outline = self.outline.rows_in_space(chain) if in_space else self.outline.rows(chain.links)
+        if in_space:
+            self._check_tubes(outline)
         widths = _SPATIAL_WIDTHS if in_space else _WIDTHS
         tables: dict[str, list[Row]] = {name: [] for name in widths}
         for wall in self.walls:
@@ -136,6 +138,14 @@ class Surroundings:
             array.setflags(write=False)
         object.__setattr__(self, "_arrays", (chain, walls))
         return walls
+
+    def _check_tubes(self, outline: Any) -> None:
+        """Raise InvalidInput for a tube that no link enters: on its centre line forces have no direction."""
+        radius = float(outline.points[:, 4].min(initial=np.inf))
+        for i, wall in enumerate(self.walls):
+            if isinstance(wall, Tube) and max(np.ravel(wall.radii)) <= radius:
+                allowed = f"a tube that is somewhere wider than the outline, {radius:g} mm"
+                raise InvalidInput(f"walls[{i}] radii", wall.radii, allowed, "Sleeve(radius) sets that of the outline.")
 
     def _friction(self, wall: Wall) -> WallFriction:
         return wall.friction or self.friction or _NO_FRICTION

@@ -53,6 +53,19 @@ def test_a_base_that_is_pushed_in_is_traced(capsys, expected):
     assert float(rows[-1]["sticking_contacts"]) > 0.0
 
 
+def test_a_path_among_walls_in_space_is_traced_and_drawn(capsys, tmp_path):
+    around = Path(__file__).resolve().parents[3] / "configs/surroundings/in_space.yaml"
+    command = f"trace pitch_yaw --lengths 63.6 63.5 60.5 61.8 --surroundings {around} --feed 0 4 3.98 --csv"
+    assert rj(f"{command} --plot {tmp_path / 'path.png'}") == 0
+    rows = rows_of(capsys.readouterr().out)
+    assert (tmp_path / "path.png").stat().st_size > 10_000
+    assert all(int(row["wall_contacts"]) >= 2 for row in rows)
+    assert int(rows[0]["sticking_contacts"]) == 0 < int(rows[-1]["sticking_contacts"])
+    assert rj(f"{command} --plot {tmp_path / 'path.gif'}") == 2
+    error = capsys.readouterr().err
+    assert "films are of planar chains" in error and error.count("\n") == 1
+
+
 def test_the_table_has_a_line_per_step_and_json_the_columns(capsys, expected):
     path, _ = expected
     assert rj(f"trace two_segment {FEED} {AMONG} --force -1 0.02 0") == 0

@@ -119,6 +119,16 @@ def test_rj_solves_among_the_walls_of_a_file(capsys):
     assert "no link touches a wall" in capsys.readouterr().out
 
 
+def test_rj_solves_and_draws_among_walls_in_space(capsys, tmp_path):
+    options = f"pitch_yaw --lengths 63.6 63.5 60.5 61.8 --surroundings {SHIPPED.with_name('in_space.yaml')}"
+    assert rj(f"solve {options} --base 0 0 -2") == 0
+    text = capsys.readouterr().out
+    assert "plane 0" in text and "sphere 0" in text and "CONVERGED" in text
+    picture = tmp_path / "walls.png"
+    assert rj(f"plot {options} --out {picture}") == 0
+    assert picture.stat().st_size > 10_000
+
+
 def test_rj_draws_the_walls_of_a_file(tmp_path):
     picture = tmp_path / "walls.png"
     assert rj(f"plot two_segment --tensions 3 1 1 2 --surroundings {SHIPPED} --base 0 20 0 --out {picture}") == 0
@@ -134,7 +144,10 @@ def test_rj_draws_the_walls_of_a_file(tmp_path):
             "two_segment --tensions 3 1 1 2 --base 0 20 0",
             "--base = [0.0, 20.0, 0.0]: expected --surroundings",
         ),
-        (f"small_arm --tensions 1 1 1 1 --surroundings {SHIPPED}", "expected a planar chain."),
+        (
+            f"small_arm --tensions 1 1 1 1 --surroundings {SHIPPED}",
+            "expected walls around an arm of beads: Plane, Sphere",
+        ),
         (f"two_segment --lengths 50 50 90 90 --method least_squares --surroundings {SHIPPED}", "--method elastic"),
         ("two_segment --tensions 3 1 1 2 --surroundings none.yaml", "none.yaml"),
         (f"two_segment --tensions 3 1 1 2 --surroundings {SHIPPED} --base 0 1 nan", "--base number 2 = nan"),

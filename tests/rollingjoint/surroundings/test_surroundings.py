@@ -215,7 +215,10 @@ def test_lumen_fits_points_of_arcs_with_noise():
         (lambda: Bare(20.0).rows(five_link().links), "less than half the width of link 1"),
         (lambda: Surroundings([]), "walls = (): expected at least one HalfPlane"),
         (lambda: Surroundings([Sleeve()]), "walls[0] = Sleeve(radius=None, points=2): expected HalfPlane"),
-        (lambda: Surroundings(S_BEND), "expected a list of HalfPlane, Disc, Capsule, Polygon or Lumen."),
+        (
+            lambda: Surroundings(S_BEND),
+            "expected a list of HalfPlane, Disc, Capsule, Polygon, Lumen, Plane, Sphere or Tube.",
+        ),
         (lambda: Surroundings([S_BEND], 5.0), "outline = 5.0: expected a Sleeve or Bare."),
         (
             lambda: Surroundings([Disc((0, 0), 1, toe=0.1)], rigid=True),

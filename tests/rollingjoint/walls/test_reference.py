@@ -59,4 +59,4 @@ def test_steps_among_walls_are_the_stored_equilibria(case):
             assert contact.gap == pytest.approx(stored["gap_mm"], abs=TOLERANCE)
             assert contact.force == pytest.approx(stored["normal_N"], abs=TOLERANCE)
             assert contact.state == pytest.approx(stored["state"], abs=TOLERANCE)
-            assert contact.sticks == stored["sticks"]
+            assert contact.sticks == (stored["sticks"] and case["spec"]["mu"] > 0.0)

@@ -20,7 +20,7 @@ TUBE = rj.Tube.through([(0, 0, -60), (0, 0, 30), (6, 3, 60), (2, 8, 110)], [17, 
 SCENES = {
     "plane": [rj.Plane((-0.8, -0.6, 0.05), -16.0, stiffness=2.0, toe=0.5)],
     "sphere": [rj.Sphere((19.0, 14.5, 62.0), 8.0, stiffness=2.0)],
-    "capsule": [rj.Capsule((26.0, -9.0, 40.0), (14.0, 31.0, 70.0), 4.0, stiffness=2.0)],
+    "capsule": [rj.Capsule((24.8, -9.9, 40.0), (12.8, 30.1, 70.0), 4.0, stiffness=2.0)],
     "tube": [TUBE],
 }
 ALL = [wall for walls in SCENES.values() for wall in walls]
@@ -42,8 +42,16 @@ def differences(function, at, step):
     return np.stack([(np.asarray(high) - np.asarray(low)) / (2.0 * step) for high, low in ends], axis=-1)
 
 
-@pytest.mark.parametrize("outline", [None, rj.Bare(2.0, 3, 5)], ids=["sleeve", "bare"])
-@pytest.mark.parametrize("name", [*SCENES, "all"])
+OUTLINES = {"sleeve": None, "bare": rj.Bare(2.0, 3, 5)}
+SLOW = {("tube", "bare"), ("all", "bare")}
+CASES = [
+    pytest.param(name, OUTLINES[outline], id=f"{name}-{outline}", marks=[pytest.mark.slow] * ((name, outline) in SLOW))
+    for name in (*SCENES, "all")
+    for outline in OUTLINES
+]
+
+
+@pytest.mark.parametrize(("name", "outline"), CASES)
 def test_an_equilibrium_is_a_minimum_of_an_energy_in_numpy(name, outline):
     walls = around(name, outline=outline)
     equilibrium = solved(walls)
@@ -148,44 +156,87 @@ PLANAR = {
         [rj.Tube.through([(0, 0, -40), (0, 0, 20), (-20, 0, 50), (-20, 0, 90)], [6.5, 6.5, 6, 6], 30.0)],
         1.0,
     ),
+    "even tube": (
+        [rj.Lumen.through([(0, -40), (0, 20), (-20, 50), (-20, 90)], 6.2, 30.0)],
+        [rj.Tube.through([(0, 0, -40), (0, 0, 20), (-20, 0, 50), (-20, 0, 90)], 6.2, 30.0)],
+        1.0,
+    ),
 }
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.2])
-@pytest.mark.parametrize("name", PLANAR)
-def test_a_planar_scene_has_the_planar_equilibria(name, mu):
-    """To rounding without friction, and at flat walls; friction at round ones acts at another depth of the wall."""
+def planar_and_spatial(name, mu, steps=10, **settings):
+    """Both equilibria of every step of a path in a planar scene."""
     flat, space = flat_pair()
     in_plane, in_space, side = PLANAR[name]
     friction, rest = rj.WallFriction(mu) if mu else None, flat.neutral_lengths - 2.0 / flat.stiffnesses
-    walls = [rj.Surroundings(items, rj.Sleeve(4.5), friction) for items in (in_plane, in_space)]
-    before, contacts = [None, None], 0
-    for share in np.linspace(0.0, 1.0, 11):
+    walls = [rj.Surroundings(items, rj.Sleeve(4.5), friction, **settings) for items in (in_plane, in_space)]
+    before = [None, None]
+    for share in np.linspace(0.0, 1.0, steps + 1):
         command = rest + share * side * np.array([-3.0, 3.0, -3.0, 3.0])
-        feed = -15.0 + 20.0 * share if name == "tube" else 0.0
+        feed = -15.0 + 20.0 * share if "tube" in name else 0.0
         for which, (chain, base) in enumerate(((flat, (0, feed, 0)), (space, (0, 0, feed)))):
             kept = {"history" if mu and before[which] is not None else "start": before[which]}
             before[which] = rj.solve_lengths(
                 chain, command, tension_limits=(0.5, 15.0), surroundings=walls[which], base=base, **kept
             ).require()
-        planar, spatial = before
+        yield tuple(before)
+
+
+def assert_same(pairs, near):
+    """Tips, wall forces and insertion forces in the plane and in space are the same [mm, N]."""
+    contacts, sticking = 0, [0, 0]
+    for planar, spatial in pairs:
         contacts += len(planar.wall_contacts)
-        near = 1e-9 if mu == 0.0 or name == "plane" else 0.03
         np.testing.assert_allclose(spatial.tip[[0, 2]], planar.tip, atol=near)
         np.testing.assert_allclose(spatial.wall_forces[:, [0, 2]], planar.wall_forces[:, :2], atol=near)
         assert spatial.insertion_force == pytest.approx(planar.insertion_force, abs=near)
         assert np.abs(spatial.poses[:, 1, 3]).max() < 1e-9
-    assert contacts > 5
+        for which, each in enumerate((planar, spatial)):
+            sticking[which] += sum(touch.sticks for touch in each.wall_contacts)
+    assert contacts > 5 and sticking[0] == sticking[1]
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_a_planar_scene_has_the_planar_equilibria(name):
+    assert_same(planar_and_spatial(name, 0.0), 1e-9)
+
+
+@pytest.mark.parametrize("name", ["plane", "sphere", "even tube"])
+def test_friction_at_rigid_walls_is_that_of_the_plane(name):
+    """At a sphere in the limit of small steps: links roll on it, by an arc in the plane and its chord in space."""
+    assert_same(planar_and_spatial(name, 0.2, 40, rigid=True), 1e-5 if name == "sphere" else 1e-9)
+
+
+@pytest.mark.parametrize("name", ["sphere", "even tube"])
+def test_friction_at_walls_that_give_way_is_that_of_the_plane_within_their_depth(name):
+    """It acts on the surface of the link in space and on the wall's in the plane, apart by the depth of a contact."""
+    for planar, spatial in planar_and_spatial(name, 0.2):
+        depth = max([-touch.gap for touch in planar.wall_contacts], default=0.0)
+        assert spatial.tip[[0, 2]] == pytest.approx(planar.tip, abs=1e-9 + 0.03 * depth)
+        most = 0.2 * sum(touch.force for touch in planar.wall_contacts) * depth / 5.0  # mm: the smallest radius
+        np.testing.assert_allclose(spatial.wall_forces[:, [0, 2]], planar.wall_forces[:, :2], atol=1e-9 + most)
+
+
+def test_friction_along_a_tube_that_tapers_is_along_its_wall_in_space_and_along_its_centre_line_in_the_plane():
+    slope, largest = 0.5 / 30.0, 0.0
+    for planar, spatial in planar_and_spatial("tube", 0.2, rigid=True):
+        most = 0.2 * slope * sum(touch.force for touch in planar.wall_contacts)
+        difference = np.abs(spatial.wall_forces[:, [0, 2]] - planar.wall_forces[:, :2]).max()
+        assert difference < 1e-9 + most
+        largest = max(largest, difference)
+    assert largest > 1e-5
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("steps", [160, 640])
 @pytest.mark.parametrize("mu", [0.1, 0.3])
-def test_what_a_closed_cycle_loses_is_the_work_of_motors_and_feed(mu):
-    steps, turn = 160, 2.0 * np.pi * np.arange(321) / 160
+@pytest.mark.parametrize("name", ["tube", "all", "sphere"])
+def test_what_a_closed_cycle_loses_is_the_work_of_motors_and_feed(name, mu, steps):
+    turn = 2.0 * np.pi * np.arange(2 * steps + 1) / steps
     waves = np.stack([np.sin(turn), np.cos(turn), -np.sin(turn), -np.cos(turn)], axis=1)
     bases = np.zeros((turn.size, 3))
     bases[:, 2] = -7.5 * (1.0 - np.cos(turn))
-    path = rj.trace(ARM, REST + waves, tension_limits=LIMITS, surroundings=around("tube", mu), base=bases, history=None)
+    path = rj.trace(ARM, REST + waves, tension_limits=LIMITS, surroundings=around(name, mu), base=bases, history=None)
     assert path.ok.all()
     last = slice(steps, 2 * steps + 1)
     lost = path.dissipated_work[steps + 1 :].sum()
@@ -193,8 +244,8 @@ def test_what_a_closed_cycle_loses_is_the_work_of_motors_and_feed(mu):
     work = -np.sum(0.5 * (tensions[1:] + tensions[:-1]) * np.diff(commands, axis=0))
     force = path.insertion_force[last]
     work += np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(bases[last, 2]))
-    assert lost > 0.5
-    assert work == pytest.approx(lost, rel=1e-2)
+    assert lost > 0.4
+    assert work == pytest.approx(lost, rel=0.16 / steps)
 
 
 def test_rigid_walls_keep_links_out():
@@ -242,7 +293,8 @@ def test_a_batch_and_a_prepared_problem_are_the_single_solves():
         for one, many in ((each, batch.row(row)), (next_one, following.row(row))):
             for name in ("joint_angles", "poses", "wall_forces", "dissipated_work"):
                 assert np.array_equal(getattr(one, name), getattr(many, name)), name
-            assert [touch.candidate for touch in one.wall_contacts] == [t.candidate for t in many.wall_contacts]
+            places = [[(touch.link, touch.kind, touch.wall) for touch in e.wall_contacts] for e in (one, many)]
+            assert places[0] == places[1] != []  # candidates are numbered among the walls of all rows
     problem = rj.prepare(ARM, tension_limits=LIMITS, surroundings=walls[0])
     first = problem.solve(COMMAND, base=BASE)
     assert np.array_equal(first.poses, alone[0].poses)
@@ -252,11 +304,12 @@ def test_a_batch_and_a_prepared_problem_are_the_single_solves():
 def test_a_long_arm_takes_its_steps_in_order_n():
     beads = [rj.Bead(10.0, "x" if i % 2 else "y", 400.0, gap=4.0) for i in range(20)]
     arm = rj.HingeChain(beads, [rj.BeadTendon([hole]) for hole in ((6.0, 0.0), (0.0, 6.0), (-6.0, 0.0), (0.0, -6.0))])
-    walls = rj.Surroundings([rj.Plane((-0.8, -0.6, 0.0), -11.0, stiffness=0.5)], rj.Sleeve(7.0))
+    plane, ball = rj.Plane((-0.8, -0.6, 0.0), -9.0, stiffness=0.5), rj.Sphere((-6.0, -16.0, 100.0), 9.0)
+    walls, base = rj.Surroundings([plane, ball], rj.Sleeve(7.0)), (3.2, 2.4, 0.0)
     command = arm.neutral_lengths - 2.0 / arm.stiffnesses + np.array([-5.0, -3.0, 5.0, 3.0])
-    equilibrium = solved(walls, command, (0, 0, 0), chain=arm)
-    assert len(equilibrium.wall_contacts) > 2
-    again = Recomputed(arm, walls, command, LIMITS, (0, 0, 0))
+    equilibrium = solved(walls, command, base, chain=arm)
+    assert {touch.link for touch in equilibrium.wall_contacts} >= {1, 2, 10, 20}
+    again = Recomputed(arm, walls, command, LIMITS, base)
     assert np.abs(again.residual(np.array(equilibrium.joint_angles))).max() < 1e-5
 
 
@@ -279,6 +332,8 @@ def test_walls_of_the_wrong_dimension_are_refused():
         rj.solve_lengths(rj.five_link(), rj.five_link().neutral_lengths, surroundings=around("sphere"))
     with pytest.raises(rj.InvalidInput, match="a wall in space"):
         rj.Surroundings([rj.Sphere((0, 0, 50), 5.0), rj.Disc((0, 50), 5.0)])
+    with pytest.raises(rj.InvalidInput, match=r"walls\[0\] radii = \(17.0, 17.0, .*wider than the outline, 17 mm"):
+        rj.solve_lengths(ARM, REST, surroundings=around("tube", outline=rj.Sleeve(17.0)))
     with pytest.raises(rj.InvalidInput, match="x, y, z"):
         rj.solve_lengths(ARM, REST, surroundings=around("sphere"), base=(0, 0))
     with pytest.raises(rj.InvalidInput, match="twice the rounding"):
