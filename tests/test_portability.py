@@ -80,7 +80,7 @@ def names_no_encoding(call: ast.Call) -> bool:
     """Whether the call reads or writes text in the encoding of the system."""
     called = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
     words = ast.unparse(call)
-    ours = is_name(call.func, "write_text") or words.startswith(("RunFolder.open(", "tarfile.open("))
+    ours = is_name(call.func, "write_text") or words.startswith(("RunFolder.open(", "tarfile.open(", "Image.open("))
     others = words.startswith("os.open(") or re.search(r"open\((.*, )?'[arwx]b'", words)
     return called in ("open", "read_text", "write_text") and not (ours or others or "utf-8" in words)
 

@@ -22,6 +22,7 @@ MODULES = (
     "rollingjoint.io.mechanism_file",
     "rollingjoint.io.surroundings_file",
     "rollingjoint.cad",
+    "rollingjoint.camera",
     "rollingjoint.mujoco",
     "rj_gym",
     "rj_gym.sb3",

@@ -257,11 +257,13 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         if self._take_variations(rows, source):
             return
         known = len(solver.mechanisms)
+        if known == 1 and solver.mechanisms == theirs.mechanisms:
+            return
         if isinstance(theirs.mechanisms, tuple) and theirs.mechanisms[:known] == solver.mechanisms:
             designs = solver.designs.copy()
             designs[rows] = theirs.designs[:count]
             self._use(theirs.mechanisms, designs)
-        elif solver.mechanisms != theirs.mechanisms or known > 1:
+        else:
             mechanisms = [solver.mechanisms[design] for design in solver.designs.tolist()]
             for row, design in zip(rows, theirs.designs[:count].tolist(), strict=True):
                 mechanisms[row] = theirs.mechanisms[design]

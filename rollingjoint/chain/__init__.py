@@ -24,4 +24,5 @@ Modules:
     tendon: which holes tendons pass, where they end, how stiff they are.
     variations: many chains that differ by surfaces and stiffness, as one stack of arrays.
     wall_step: contact with walls at an equilibrium.
+    wall_sums: forces of walls on every link, and their rates.
 """

@@ -1,7 +1,7 @@
 """Equilibria that compiled batches have found, as functions of the design and of the commands.
 
 A rollout in compiled code, then one adjoint solve for all of its steps at once: contact with walls comes as a linear
-law of the links' motion from the kernels, which is exact for first derivatives. docs/theory.md, section 14.
+law of the links' motion from the kernels, which is exact for first derivatives. docs/theory.md, section 13.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 Modules:
     rig: what users call: estimators of rigs, with intervals.
     contact: the same beside a wall that they may touch.
-    wall: this wall, and histories beside it. contact_kernels: as kernels, beside it.
+    wall: this wall, and histories beside it.
+    contact_kernels: as kernels, beside it.
     simulated: rigs whose truth is known.
     sampling: samples of a normal distribution within a box, compiled.
     hidden: the hidden numbers of an episode, and their distribution before any measurement.

@@ -58,7 +58,7 @@ from tests.rollingjoint.command import rj
         ("plot five_link --force -1 1 0 --out a.png", ["--force", "--tensions or --lengths"]),
         ("plot five_link --tensions 1 1 --friction 0.2 --out a.png", ["--friction = 0.2", "rolling joints in space"]),
         ("plot pitch_yaw --friction 0.2 --out a.png", ["--friction = 0.2", "in equilibrium"]),
-        ("evaluat runs/a", ["'evaluat'", "adapt, campaign, check", "Did you mean 'evaluate'?"]),
+        ("evaluat runs/a", ["'evaluat'", "adapt, camera, campaign, check", "Did you mean 'evaluate'?"]),
         ("reach five_link --tip 1", ["--tip = [1.0]", "2 numbers x, y", "or 3 with the angle"]),
         ("reach small_arm --tip 1 2", ["--tip = [1.0, 2.0]", "3 numbers"]),
         ("reach five_link --tip nan 2", ["--tip number 0 = nan"]),

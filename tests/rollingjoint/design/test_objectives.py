@@ -319,5 +319,3 @@ def test_what_means_nothing_is_refused(what):
 def test_shapes_of_other_mechanisms_are_refused():
     with pytest.raises(rj.InvalidInput, match="links"):
         measure(rj.uniform(4), [BendingShapes([[3, 1]], PLACES[:1])])
-    with pytest.raises(rj.InvalidInput, match="tensions"):
-        measure(rj.two_segment(), [TipTravel()])
