@@ -156,6 +156,11 @@ PLANAR = {
         [rj.Tube.through([(0, 0, -40), (0, 0, 20), (-20, 0, 50), (-20, 0, 90)], [6.5, 6.5, 6, 6], 30.0)],
         1.0,
     ),
+    "capsule": (
+        [rj.Capsule((12, 36), (20, 52), 4.0, stiffness=2.0)],
+        [rj.Capsule((12, 0, 36), (20, 0, 52), 4.0, stiffness=2.0)],
+        -1.0,
+    ),
     "even tube": (
         [rj.Lumen.through([(0, -40), (0, 20), (-20, 50), (-20, 90)], 6.2, 30.0)],
         [rj.Tube.through([(0, 0, -40), (0, 0, 20), (-20, 0, 50), (-20, 0, 90)], 6.2, 30.0)],
@@ -196,9 +201,19 @@ def assert_same(pairs, near):
     assert contacts > 5 and sticking[0] == sticking[1]
 
 
-@pytest.mark.parametrize("name", PLANAR)
+@pytest.mark.parametrize("name", [name for name in PLANAR if name != "capsule"])
 def test_a_planar_scene_has_the_planar_equilibria(name):
     assert_same(planar_and_spatial(name, 0.0), 1e-9)
+
+
+def test_one_end_on_a_capsule_is_that_of_the_plane_but_for_the_crown():
+    touched = 0
+    for planar, spatial in planar_and_spatial("capsule", 0.0):
+        contacts = [[touch.link for touch in each.wall_contacts if touch.force > 0.05] for each in (planar, spatial)]
+        assert contacts[0] == contacts[1]
+        assert spatial.tip[[0, 2]] == pytest.approx(planar.tip, abs=0.015)
+        touched += len(contacts[0])
+    assert touched > 5
 
 
 @pytest.mark.parametrize("name", ["plane", "sphere", "even tube"])
