@@ -161,6 +161,7 @@ def test_arms_are_planned_on_the_fit_of_their_smoother() -> None:
     assert errors[0] < errors[1] < 2.5
 
 
+@pytest.mark.slow
 def test_rolling_joints_in_space_reach_their_targets() -> None:
     assert mean_error(Mpc(), {}, "rj_gym/PitchYaw-v0") < 0.05
 

@@ -47,6 +47,7 @@ def stepped(controller, steps, lanes=20, **settings):
     return Reading(observation, envs.unwrapped.task), info
 
 
+@pytest.mark.slow
 def test_every_target_is_reachable_under_the_payload():
     assert floors().max() < 1e-9
 
