@@ -48,9 +48,9 @@ LEARNING = (
     "scored with the learners. All in the episodes of these evaluations."
 )
 VARIED = (
-    "Mean tip error of the last 10 steps over the {}: the best learner and the best opponent of every task, and others "
-    "for orientation; bands: 95 % intervals over training seeds and episodes; shaded: the range of training, where "
-    "there is one. Errors below 0.001 mm are drawn there."
+    "Mean tip error of the last 10 steps over the {}: the best learner and the best opponent of those that were scored "
+    "over it, and others for orientation; bands: 95 % intervals over training seeds and episodes; shaded: the range of "
+    "training, where there is one. Errors below 0.001 mm are drawn there."
 )
 SHARES = (
     "Share of the episodes with an error over the last 10 steps below a value: the best learner of every task with all "
@@ -77,10 +77,15 @@ def pictures(results: Results) -> dict[str, tuple[bytes, str]]:
     return images
 
 
-def lines_of(record: BenchmarkRecord) -> dict[str, str]:
-    """The controllers that pictures show, by the label of their line: the best, feedback, open loop, entered ones."""
-    names = {POLICY_LABEL: record.best(POLICY), OPPONENT_LABEL: record.best(BASELINE)}
-    names |= {name: name for name in (FEEDBACK, OPEN_LOOP, *record.names(ENTRY)) if name in record.names()}
+def lines_of(record: BenchmarkRecord, worlds: Sequence[World]) -> dict[str, str]:
+    """The controllers that pictures of worlds show, by the label of their line.
+
+    The best of those that drove in all of them, feedback, open loop, entered ones.
+    """
+    best = {
+        label: record.best(kind, worlds=worlds) for label, kind in ((POLICY_LABEL, POLICY), (OPPONENT_LABEL, BASELINE))
+    }
+    names = best | {name: name for name in (FEEDBACK, OPEN_LOOP, *record.names(ENTRY)) if name in record.names()}
     return {label: name for label, name in names.items() if name}
 
 
@@ -130,7 +135,7 @@ def error_over(axis: str, records: Sequence[BenchmarkRecord]) -> bytes:
         axes.set(title=record.title)
         _logarithmic(axes, "y", (1, 2, 5))
         axes.axvspan(*worlds[0].trained, color="black", alpha=0.06, linewidth=0)
-        for label, name in lines_of(record).items():
+        for label, name in lines_of(record, worlds).items():
             _draw_line(axes, record.controller(name), worlds, label)
         floors = {world.value: world.known_floors.mean() for world in worlds if len(world.known_floors)}
         if floors:
@@ -164,7 +169,7 @@ def distributions(records: Sequence[BenchmarkRecord]) -> bytes:
         axes.set(title=record.title, ylim=(0, 1))
         _logarithmic(axes, "x")
         axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
-        for label, name in lines_of(record).items():
+        for label, name in lines_of(record, [world]).items():
             if record.controller(name).has(world.name):
                 _draw_shares(axes, label, record.controller(name).errors(world.name))
         if len(world.known_floors):

@@ -224,14 +224,14 @@ class BenchmarkRecord:
         """The worlds of a role."""
         return [world for world in self.worlds if world.role == role]
 
-    def best(self, kind: str, but: Sequence[str] = ()) -> str | None:
+    def best(self, kind: str, but: Sequence[str] = (), worlds: Sequence[World] = ()) -> str | None:
         """The controller of a kind with the smallest mean error in the validation episodes; None where there is none.
 
-        Privileged controllers, and those named in `but`, are left out.
+        Privileged controllers, those named in `but`, and those that did not drive in all these worlds are left out.
         """
         (world, *_) = [world.name for world in self.of_role(VALIDATION)] or [""]
         names = [name for name in self.names(kind, world) if world and not self.controller(name).privileged]
-        names = [name for name in names if name not in but]
+        names = [name for name in names if name not in but and all(self.controller(name).has(w.name) for w in worlds)]
         return min(names, key=lambda name: float(self.controller(name).errors(world).mean()), default=None)
 
 

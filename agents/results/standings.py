@@ -49,13 +49,13 @@ class Standings:
 
     @property
     def policy(self) -> str | None:
-        """The best trained controller."""
-        return self._here(self.record.best(POLICY))
+        """The best trained controller of those that drove in this world."""
+        return self.record.best(POLICY, worlds=[self.world])
 
     @property
     def baseline(self) -> str | None:
         """The best controller that was not trained, of those that drove in this world."""
-        return self.record.best(BASELINE, but=[name for name in self.record.names() if name not in self.names])
+        return self.record.best(BASELINE, worlds=[self.world])
 
     def summary(self, name: str) -> Summary:
         """Mean, interquartile mean, median and 95th percentile of a controller's errors over the last 10 steps [mm]."""
@@ -117,9 +117,6 @@ class Standings:
 
     def _errors(self, name: str, what: str = "last") -> Any:
         return self.record.controller(name).errors(self.world.name, what)
-
-    def _here(self, name: str | None) -> str | None:
-        return name if name in self.names else None
 
     @property
     def _bootstrap(self) -> Bootstrap:
