@@ -44,8 +44,6 @@ def mine(tmp_path, monkeypatch):
     (tmp_path / "configs").symlink_to(Path("configs").resolve())
     (tmp_path / "mine.py").write_text(MINE + STOPS)
     monkeypatch.chdir(tmp_path)
-    yield
-    sys.modules.pop("mine", None)
 
 
 def words(**keys):
