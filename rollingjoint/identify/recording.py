@@ -25,6 +25,8 @@ LARGEST_FILE = 2**28  # bytes: 13 hours of two tendons at 20 Hz
 LONGEST_LINE = 100_000  # characters
 MOST_STEPS = 2_000  # that an identification goes through; longer recordings are thinned
 READINGS = ("motors", "tensions", "tip")
+_NEARLY = 0.95  # of the steps that may be left: thinning looks for no better distance
+_WINDOW = 16  # steps in which the next turning point is looked for first
 _AXES = "xyz"
 
 
@@ -109,8 +111,10 @@ class RigRecording:
         if self.steps <= most:
             return self
         travel = max(float(np.ptp(run.motors, axis=0).max()) for run in self.runs)
-        low, high = 0.0, max(travel, 1e-9)
+        low, high, count = 0.0, max(travel, 1e-9), 0
         for _ in range(40):
+            if _NEARLY * most <= count <= most:
+                break
             middle = 0.5 * (low + high)
             count = sum(len(_turning_points(run.motors, middle)) for run in self.runs)
             low, high = (middle, high) if count > most else (low, middle)
@@ -119,17 +123,21 @@ class RigRecording:
 
 def _turning_points(motors: Array, distance: float) -> NDArray[np.int64]:
     """Steps at which some motor has moved by a distance since the last such step, or turned after such a way, (K,)."""
-    kept, low, high = [0], motors[0].copy(), motors[0].copy()
-    lowest, highest = np.zeros(motors.shape[1], int), np.zeros(motors.shape[1], int)
-    for step in range(1, len(motors)):
-        here = motors[step]
-        lowest, highest = np.where(here < low, step, lowest), np.where(here > high, step, highest)
-        low, high = np.minimum(low, here), np.maximum(high, here)
-        if (np.maximum(high - here, here - low) > distance).any():
-            extremes = {int(place) for place in (*lowest, *highest) if kept[-1] < place < step}
-            kept += [*sorted(extremes), step]
-            low, high = here.copy(), here.copy()
-            lowest[:] = highest[:] = step
+    kept, window = [0], _WINDOW
+    while (start := kept[-1]) + 1 < len(motors):
+        ahead = motors[start : start + window]
+        low, high = np.minimum.accumulate(ahead), np.maximum.accumulate(ahead)
+        is_far = (np.maximum(high - ahead, ahead - low) > distance).any(axis=1)
+        if is_far.any():
+            step = int(is_far.argmax())
+            way = ahead[: step + 1]
+            extremes = {int(place) for place in (*way.argmin(axis=0), *way.argmax(axis=0)) if 0 < place < step}
+            kept += [start + place for place in (*sorted(extremes), step)]
+            window = max(_WINDOW, 2 * step)
+        elif start + window < len(motors):
+            window *= 2
+        else:
+            break
     return np.array(kept if len(kept) > 1 else [0, len(motors) - 1])
 
 
