@@ -55,6 +55,7 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(name):
         checker.check_env(gymnasium.make(ID, **VARIANTS[name]).unwrapped)
 
 
+@pytest.mark.slow
 def test_the_vector_environment_passes_every_check():
     def make_env(autoreset_mode=AutoresetMode.SAME_STEP):
         return make_vec(2, render_mode="rgb_array", autoreset_mode=autoreset_mode)

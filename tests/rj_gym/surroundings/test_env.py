@@ -24,6 +24,9 @@ every = pytest.mark.parametrize("env_id", IDS)
 quick = pytest.mark.parametrize(
     "env_id", [pytest.param(one, marks=pytest.mark.slow if "Obstacles" in one else ()) for one in IDS]
 )
+drawn_slowly = pytest.mark.parametrize(
+    "env_id", [pytest.param(one, marks=() if "Lumen" in one else pytest.mark.slow) for one in IDS]
+)
 VARIANTS = {
     "ahead, noise": {"walls": "ahead", "noise": {"position_mm": 0.2, "angle": 0.01, "tension": 0.1, "force": 0.1}},
     "families": {"families": list(rj_gym.FAMILIES), "poses": "tip"},
@@ -58,7 +61,7 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id):
         checker.check_env(made(env_id))
 
 
-@quick
+@drawn_slowly
 def test_the_vector_environment_passes_every_check(env_id):
     settings = {"episode_steps": 2} | ({"discs": 1, "reach_mm": 5.0} if "Obstacles" in env_id else {})  # drawn fast
 
