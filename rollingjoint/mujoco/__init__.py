@@ -5,7 +5,7 @@ Modules:
     chain: a planar chain of rolling links.
     coupling: a rolling contact as joints of MuJoCo.
     space: a chain in space of rolling contacts and hinges.
-    walls: rigid walls around a planar chain.
+    walls: rigid walls around a chain.
     model: any mechanism; joint positions and accuracy of a planar chain.
 
 The engine is not imported: this package alone writes a model.

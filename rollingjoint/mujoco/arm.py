@@ -7,7 +7,7 @@ chosen for the shortest way of flexible_arm to rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,11 @@ STANDARD_GRAVITY = 9.80665  # m/s²: weight over mass; no equilibrium depends on
 TIME_STEP = 0.05  # s
 DAMPING = 0.4  # N·m·s/rad
 ARMATURE = 1e-4  # kg·m²
+AMONG_WALLS = 0.001, 0.02  # time step and damping among walls, which are as stiff as the time step allows
 
 _LIGHT = 1e-3  # kg: mass of a bead without gravity
 NEVER = 1e3  # m: a tendon this long is slack
+UNTOUCHED = 'contype="0" conaffinity="0"'
 
 
 def arm_mjcf(
@@ -31,6 +33,8 @@ def arm_mjcf(
     gravity: tuple[float, float, float] | None = None,
     payload: float = 0.0,
     springs: Sequence[Spring] = (),
+    walls: str = "",
+    outlines: Mapping[int, str] | None = None,
 ) -> str:
     """The arm as MuJoCo's XML, exactly.
 
@@ -38,6 +42,7 @@ def arm_mjcf(
         gravity: its direction in the base frame; None: no weights.
         payload: weight at the tip, along the direction of gravity [N].
         springs: from points of links to points of the base frame.
+        walls, outlines: geometry of the world, and of every link, which touch each other.
     """
     sites: list[list[str]] = [[] for _ in range(arm.n_links)]
     tendons = motors = ""
@@ -63,18 +68,19 @@ def arm_mjcf(
         body += (
             f'<body pos="0 0 {at!r}"><joint axis="{numbers(np.array(bead.axis))}" stiffness="{elastic!r}"'
             f' springref="{bead.rest_angle!r}"/><geom type="cylinder" size="{half} {half}" pos="0 0 {half!r}"'
-            f' mass="{mass!r}"/>{"".join(sites[link])}'
+            f' mass="{mass!r}" {UNTOUCHED}/>{"".join(sites[link])}{(outlines or {}).get(link, "")}'
         )
         at = 2.0 * half
     body += f'<site name="tip" pos="0 0 {at!r}"/>'
     if payload:
-        body += f'<geom type="sphere" size="0.01" pos="0 0 {at!r}" mass="{payload / STANDARD_GRAVITY!r}"/>'
+        body += f'<geom type="sphere" size="0.01" pos="0 0 {at!r}" mass="{payload / STANDARD_GRAVITY!r}" {UNTOUCHED}/>'
+    contact, step, damping = ("enable", *AMONG_WALLS) if walls else ("disable", TIME_STEP, DAMPING)
     down = np.zeros(3) if gravity is None else STANDARD_GRAVITY * np.array(gravity) / np.linalg.norm(gravity)
     return f"""<mujoco>
   <compiler angle="radian"/>
-  <option timestep="{TIME_STEP}" integrator="implicitfast" gravity="{numbers(down)}"><flag contact="disable"/></option>
-  <default><joint type="hinge" damping="{DAMPING}" armature="{ARMATURE}"/></default>
-  <worldbody>{body}{"</body>" * arm.n_joints}</worldbody>
+  <option timestep="{step}" integrator="implicitfast" gravity="{numbers(down)}"><flag contact="{contact}"/></option>
+  <default><joint type="hinge" damping="{damping}" armature="{ARMATURE}"/></default>
+  <worldbody>{walls}{body}{"</body>" * arm.n_joints}</worldbody>
   <tendon>{tendons}</tendon>
   <actuator>{motors}</actuator>
 </mujoco>"""

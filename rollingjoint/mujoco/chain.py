@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.mujoco.arm import NEVER, numbers
+from rollingjoint.mujoco.arm import NEVER, UNTOUCHED, numbers
 from rollingjoint.mujoco.coupling import Circles, Slides, coupling
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def _shape(chain: RollingChain, link: int) -> str:
     ]
     radius = 2e-4 * chain.links[link].height
     between = " ".join(map(numbers, ends))
-    return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}" contype="0" conaffinity="0"/>'
+    return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}" {UNTOUCHED}/>'
 
 
 def _path(chain: RollingChain, j: int) -> list[tuple[str, int, Array]]:

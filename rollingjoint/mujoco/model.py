@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain, planar
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
@@ -54,8 +54,9 @@ def mjcf(mechanism: AnyChain, surroundings: Surroundings | None = None, base: Ar
 
     Args:
         mechanism: a chain of any kind.
-        surroundings: of a planar chain, rigid walls without friction and without lumens. base: pose of the base among
-            them, x, y [mm], angle [rad]; in the file the base is at the origin.
+        surroundings: rigid walls without friction, no lumens and no tubes. base: pose of the base among them, x, y
+            [mm], angle [rad]; in space x, y, z [mm], or these and a rotation vector [rad]. In the file the base is at
+            the origin.
     Raises:
         InvalidInput: springs, friction, walls, or tendons of an arm that are not of the "exact" model, which the file
             would leave out.
@@ -65,18 +66,16 @@ def mjcf(mechanism: AnyChain, surroundings: Surroundings | None = None, base: Ar
         raise InvalidInput("springs", springs, "a mechanism without springs of its own", hint)
     if mechanism.has_friction:
         raise InvalidInput("friction", mechanism.friction, "a mechanism without friction", hint)
-    if surroundings is not None:
-        chain = planar(mechanism, "Surroundings are for planar chains.")
-        return chain_mjcf(chain, *walls_text(surroundings, base, chain))
+    walls, outlines = walls_text(surroundings, base, mechanism) if surroundings is not None else ("", {})
     if isinstance(mechanism, RollingChain):
-        return chain_mjcf(mechanism)
+        return chain_mjcf(mechanism, walls, outlines)
     if isinstance(mechanism, SpatialChain):
-        return space_mjcf(mechanism)
+        return space_mjcf(mechanism, walls, outlines)
     if not isinstance(mechanism, HingeChain):
         raise InvalidInput("mechanism", mechanism, "a chain of rolling links or an arm of beads")
     if mechanism.model != "exact":
         raise InvalidInput("tendon model", mechanism.model, "'exact', of which MuJoCo's tendons are")
-    return arm_mjcf(mechanism)
+    return arm_mjcf(mechanism, walls=walls, outlines=outlines)
 
 
 def positions(mechanism: AnyChain, joint_angles: ArrayLike) -> Array:

@@ -6,6 +6,8 @@ leads. SI units inside; link frames are the frames of rollingjoint, in m.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +15,7 @@ from rollingjoint.chain import se3
 from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.chain.spatial_joints import PointHinge, RollingContact, SpatialJoint
 from rollingjoint.errors import InvalidInput
-from rollingjoint.mujoco.arm import numbers
+from rollingjoint.mujoco.arm import UNTOUCHED, numbers
 from rollingjoint.mujoco.chain import HINGE, MASS, SLIDE, equality, model_text, tendon_text
 from rollingjoint.mujoco.coupling import Circles, Slides, coupling
 
@@ -27,22 +29,26 @@ def couplings(chain: SpatialChain) -> list[Circles | Slides | None]:
     return [coupling(j.child, j.parent) if isinstance(j, RollingContact) else None for j in chain.joints]
 
 
-def space_mjcf(chain: SpatialChain) -> str:
+def space_mjcf(chain: SpatialChain, walls: str = "", outlines: Mapping[int, str] | None = None) -> str:
     """The chain as MuJoCo's XML, weightless, at rest at s = 0 and at angles 0 of hinges.
 
+    Args:
+        walls, outlines: geometry of the world, and of every link, which touch each other.
     Raises:
         InvalidInput: a joint that is neither a RollingContact nor a PointHinge.
     """
-    body, equalities = _sites(chain, 0), ""
+    body, equalities, outlines = _sites(chain, 0), "", outlines or {}
     for i, (joint, joined) in enumerate(zip(chain.joints, couplings(chain), strict=True)):
         placed, described, constraint = _contact(chain, i, joint, joined) if joined else _hinge(chain, i, joint)
         body += f'<body name="link{i + 1}" {placed}>{described}{_shape(chain, i + 1)}{_sites(chain, i + 1)}'
+        body += outlines.get(i + 1, "")
         equalities += constraint
     paths = [
         [f"t{j}{side}{k}" for k in range(len(points)) for side in "ab"] for j, points in enumerate(chain.hole_points)
     ]
     tendons = tendon_text(paths, [tendon.stiffness for tendon in chain.tendons])
-    return model_text(body + '<site name="tip"/>' + "</body>" * chain.n_joints, equalities, *tendons)
+    body = walls + body + '<site name="tip"/>' + "</body>" * chain.n_joints
+    return model_text(body, equalities, *tendons, contact=bool(walls))
 
 
 def _contact(chain: SpatialChain, i: int, joint: SpatialJoint, joined: Circles | Slides) -> tuple[str, str, str]:
@@ -94,7 +100,7 @@ def _shape(chain: SpatialChain, link: int) -> str:
     low, high = 1e-3 * chain.body_ends[link - 1]
     side = 0.7e-3 * chain.hole_radius + _SMALLEST
     sizes = np.array([side, side, 0.5 * (high - low) + _SMALLEST])
-    return f'<geom type="box" size="{numbers(sizes)}" pos="0 0 {0.5 * (low + high)}" mass="{MASS}"/>'
+    return f'<geom type="box" size="{numbers(sizes)}" pos="0 0 {0.5 * (low + high)}" mass="{MASS}" {UNTOUCHED}/>'
 
 
 def _sites(chain: SpatialChain, link: int) -> str:

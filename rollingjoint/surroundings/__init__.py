@@ -3,8 +3,8 @@
 Mechanisms know nothing of them; solvers take them beside loads.
 
 Modules:
+    arcs: centre lines of arcs, around which lumens and tubes lie.
     file: surroundings as plain values.
-    fitting: centre lines of arcs through points.
     lumen: tubes around a centre line.
     moving: walls that are moved while a chain stays where it is.
     outline: outlines of links.

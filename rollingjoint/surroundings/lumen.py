@@ -6,30 +6,30 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats, as_positive
+from rollingjoint.checks import as_positive
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.surroundings.walls import Boundary, Row, as_points
+from rollingjoint.surroundings.arcs import AroundArcs, numbers_of, radii_of
+from rollingjoint.surroundings.walls import Row
 
 Array = NDArray[np.float64]
 
 Start = tuple[float, float, float]
 
-STEEPEST = 0.5  # largest change of a radius per length
 _MOST_PIECES = 1000
-_BLOCK = 64  # places that are compared with all others at a time
 _SAMPLES = 8  # points of a piece at which a curve is compared with its arcs
+_MOST_STEPS = 50  # of a fit with one number of pieces
+_RENEWALS = 8  # of the nearest points of a fit; each squares their error
 _UP = (0.0, 0.0, float(np.pi / 2))
 
 
 @dataclass(frozen=True)
-class Lumen(Boundary):
+class Lumen(AroundArcs):
     """A tube in which a chain lies: a centre line of arcs, without corners, and a radius along it.
 
     Both ends go on straight, with the radius there. Links have to be inside; a closed end is a HalfPlane on top.
@@ -52,19 +52,13 @@ class Lumen(Boundary):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lengths, curvatures = numbers_of("Lumen lengths", self.lengths), numbers_of("Lumen curvatures", self.curvatures)
-        if not lengths.size or not bool((lengths > 0.0).all()):
-            raise InvalidInput("Lumen lengths", self.lengths, "one or more numbers above 0 [mm]")
-        if lengths.shape != curvatures.shape:
-            raise InvalidInput("Lumen curvatures", self.curvatures, f"{lengths.size} numbers, one per piece [1/mm]")
-        radii = radii_of("Lumen radii", self.radii, lengths.size + 1, "border of the pieces")
+        self._keep_pieces()
         start = numbers_of("Lumen start", self.start)
         if start.shape != (3,):
             raise InvalidInput("Lumen start", self.start, "three numbers (x, y, angle) [mm, rad]")
-        for name, numbers in (("lengths", lengths), ("curvatures", curvatures), ("radii", radii), ("start", start)):
-            object.__setattr__(self, name, tuple(numbers.tolist()))
-        check_room("Lumen", self, self._radii)
-        check_overlap("Lumen", self, self._radii)
+        object.__setattr__(self, "start", tuple(start.tolist()))
+        self._check_room()
+        self._check_overlap()
 
     @classmethod
     def along(
@@ -113,18 +107,10 @@ class Lumen(Boundary):
         Raises:
             InvalidInput: points in one place, lines too short for their arcs; as the class.
         """
-        corners = np.array(as_points("Lumen points", points, 2))
-        steps = np.diff(corners, axis=0)
-        sizes = np.hypot(*steps.T)
-        if not bool((sizes > 0.0).all()):
-            raise InvalidInput("Lumen points", points, "neighbours in different places", "Leave out the repeated one.")
-        radii = radii_of("Lumen radii", radii, len(corners), "point")
-        bends = np.zeros(0)
-        if len(corners) > 2:
-            bends = radii_of("Lumen bend_radius", bend_radius, len(corners) - 2, "corner")
+        corners, steps, sizes, radii = cls._polyline(points, radii, 2)
         angles = np.arctan2(steps[:, 1], steps[:, 0])
         turns = (np.diff(angles) + np.pi) % (2.0 * np.pi) - np.pi
-        straight = straight_parts("Lumen bend_radius", bend_radius, sizes, bends, np.abs(turns))
+        straight, bends = cls._between_bends(bend_radius, sizes, np.abs(turns))
         pieces: list[tuple[float, float, float]] = []  # length, curvature, radius at the end
         for i, length in enumerate(straight):
             pieces.append((length, 0.0, radii[i + 1]))
@@ -146,34 +132,15 @@ class Lumen(Boundary):
         Raises:
             InvalidInput: points that no k - 2 arcs fit so well; as the class.
         """
-        from rollingjoint.surroundings.fitting import fitted_line
-
-        places = np.array(as_points("Lumen points", points, 3))
-        tolerance = as_positive("Lumen tolerance", tolerance, "a number above 0 [mm]")
-        radii = radii_of("Lumen radii", radii, len(places), "point")
-        lengths, curvatures, start, along = fitted_line(places, tolerance)
-        borders = np.concatenate([[0.0], np.cumsum(lengths)])
-        return cls(lengths.tolist(), curvatures.tolist(), np.interp(borders, along, radii).tolist(), start, **law)
-
-    @property
-    def length(self) -> float:
-        """Of the centre line between its straight ends [mm]."""
-        return float(sum(self.lengths))
-
-    @cached_property
-    def borders(self) -> Array:
-        """Arc lengths at which pieces begin and end, (p + 1,) [mm]."""
-        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+        numbers, lengths, ends = cls._fitted(points, radii, tolerance, _fitted)
+        x, y, angle = numbers[:3].tolist()
+        return cls(lengths, numbers[3:].tolist(), ends, (x, y, angle), **law)
 
     @cached_property
     def centre_line(self) -> Surface:
         """The centre line between its straight ends, as a curve over arc length."""
         profile = Profile.piecewise_constant(self.borders, self.curvatures)
         return Surface(profile, self.start[:2], self.start[2])
-
-    @cached_property
-    def _radii(self) -> Array:
-        return np.array(self.radii)
 
     def pose(self, t: ArrayLike) -> Array:
         """Point and angle of the tangent of the centre line at arc lengths t, (..., 3) [mm, rad].
@@ -187,10 +154,6 @@ class Lumen(Boundary):
         pose[..., :2] += beyond * np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
         return pose
 
-    def radius(self, t: ArrayLike) -> Array:
-        """Radius at arc lengths t, the shape of t [mm]."""
-        return np.interp(np.asarray(t, float), self.borders, self._radii)
-
     def sides(self, t: ArrayLike) -> tuple[Array, Array]:
         """Points of the left and the right wall at arc lengths t, (..., 2) each [mm]."""
         pose, radius = self.pose(t), self.radius(t)[..., None]
@@ -200,92 +163,13 @@ class Lumen(Boundary):
     def rows(self) -> Mapping[str, Sequence[Row]]:
         """A piece for every arc, without the number of the lumen."""
         poses = self.centre_line.pose(self.borders[:-1])
-        pieces = zip(poses, self.curvatures, self.lengths, self.borders, itertools.pairwise(self._radii), strict=False)
+        ends = itertools.pairwise(self.border_radii)
+        pieces = zip(poses, self.curvatures, self.lengths, self.borders, ends, strict=False)
         return {"pieces": [(*pose, u, length, t, *ends) for pose, u, length, t, ends in pieces], "lumens": [()]}
 
     def points(self, t: ArrayLike) -> Array:
         """Points of the centre line at arc lengths t, (..., 2) [mm]."""
         return self.pose(t)[..., :2]
-
-
-class CentreLine(Protocol):
-    """A lumen or a tube: arcs without corners, and a radius along them."""
-
-    @property
-    def lengths(self) -> Sequence[float]:
-        """Of its pieces [mm]."""
-
-    @property
-    def curvatures(self) -> Sequence[float]:
-        """Of its pieces [1/mm]."""
-
-    @property
-    def length(self) -> float:
-        """Sum of the lengths [mm]."""
-
-    def points(self, t: ArrayLike) -> Array:
-        """Points at arc lengths t [mm]."""
-
-    def radius(self, t: ArrayLike) -> Array:
-        """Radius at arc lengths t [mm]."""
-
-
-def check_room(name: str, line: CentreLine, radii: Array) -> None:
-    """Raise InvalidInput where the radius changes too fast, or the inner wall of a bend would fold."""
-    slopes = np.abs(np.diff(radii)) / line.lengths
-    if slopes.max() > STEEPEST:
-        piece = int(np.argmax(slopes))
-        allowed = f"radii that change by at most {STEEPEST:g} of the length of their piece"
-        ends = f"from {radii[piece]:.4g} to {radii[piece + 1]:.4g} mm"
-        hint = f"Piece {piece} of {line.lengths[piece]:.4g} mm goes {ends}."
-        raise InvalidInput(f"{name} radii", tuple(radii.tolist()), allowed, hint)
-    folds = np.maximum(radii[:-1], radii[1:]) * np.abs(line.curvatures)
-    if folds.max() >= 1.0:
-        piece = int(np.argmax(folds))
-        allowed = f"less than the bend radius of piece {piece}, {1.0 / abs(line.curvatures[piece]):.4g} mm"
-        largest = float(radii[piece : piece + 2].max())
-        raise InvalidInput(f"{name} radii", largest, allowed, "Else the inner wall folds.")
-
-
-def check_overlap(name: str, line: CentreLine, border_radii: Array) -> None:
-    """Raise InvalidInput if places far from each other along a lumen or a tube share points."""
-    largest = border_radii.max()
-    spacing = max(0.5 * border_radii.min(), line.length / 1000.0)
-    inner = np.linspace(0.0, line.length, 2 + int(line.length / spacing))
-    reach = np.ptp(line.points(inner), axis=0).max() + 2.0 * largest
-    ends = np.arange(1, 2 + int(reach / spacing)) * spacing
-    t = np.concatenate([-ends[::-1], inner, line.length + ends])
-    places, radii = line.points(t), line.radius(t)
-    for i in range(0, len(t), _BLOCK):
-        block = slice(i, i + _BLOCK)
-        far = t > t[block, None] + np.pi * largest  # two places of a bend of radius R: 2 R apart, pi R along it
-        apart = np.linalg.norm(places - places[block, None], axis=-1)
-        first, second = np.nonzero(far & (apart < (radii + radii[block, None]) * (1.0 - 1e-9)))
-        if first.size:
-            meet = f"{t[i + first[0]]:.4g} and {t[second[0]]:.4g} mm"
-            allowed = "a centre line that stays clear of itself, its straight ends included"
-            hint = f"It meets itself at arc lengths {meet}. Shorten it."
-            raise InvalidInput(name, f"{line.length:.4g} mm long", allowed, hint)
-
-
-def straight_parts(what: str, given: ArrayLike, sizes: Array, bends: Array, turns: Array) -> Array:
-    """What arcs of these radii in the corners leave of the lines from point to point, (k - 1,) [mm].
-
-    Args:
-        what, given: the radii as a caller gave them, for the message. sizes: lengths of the lines, (k - 1,) [mm].
-        bends, turns: radius [mm] and angle [rad] of every corner, (k - 2,).
-    Raises:
-        InvalidInput: arcs that do not fit.
-    """
-    # Length of the straight line that an arc replaces on both sides of its corner
-    cuts = np.concatenate([[0.0], bends * np.tan(0.5 * turns), [0.0]])
-    straight = sizes - cuts[:-1] - cuts[1:]
-    if not bool((straight >= -1e-9 * sizes).all()):
-        line = int(np.argmin(straight / sizes))
-        allowed = f"arcs that fit on the line from point {line} to point {line + 1}, {sizes[line]:.4g} mm long"
-        needed = f"They take {cuts[line] + cuts[line + 1]:.4g} mm of it."
-        raise InvalidInput(what, given, allowed, needed)
-    return straight
 
 
 def _divided(borders: Array, bends: NDArray[np.bool_], count: int) -> Array:
@@ -312,23 +196,38 @@ def _distance(profile: Profile, line: Surface, arcs: Array) -> float:
     return float(np.hypot(*(exact.point(s) - exact.point(low) - line.point(s - low)).T).max())
 
 
-def numbers_of(what: str, values: ArrayLike) -> Array:
-    """A row of numbers that solvers take, (k,)."""
-    allowed = "a list of finite numbers"
-    array = as_floats(what, values, allowed)
-    if array.ndim != 1 or not bool((np.abs(array) <= LARGEST_INPUT).all()):
-        raise InvalidInput(what, values, allowed)
-    return array
+def _fitted(points: Array, guesses: Array, pieces: int) -> tuple[Array, Array, Array]:
+    """The numbers of the line of so many arcs that fits points, distances of these from it and places along it.
+
+    guesses: their places along the polyline through them.
+    """
+    from scipy.optimize import least_squares
+
+    chords = np.diff(points, axis=0)
+    angles, middles = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0])), 0.5 * (guesses[1:] + guesses[:-1])
+    borders = np.linspace(0.0, guesses[-1], pieces + 1)
+    turns = np.interp(borders, middles, angles)
+    start = np.concatenate([points[0], turns[:1], np.diff(turns) / np.diff(borders)])
+    result = least_squares(lambda x: _offsets(x, points, guesses)[0], start, x_scale="jac", max_nfev=_MOST_STEPS)
+    offsets, along = _offsets(result.x, points, guesses)
+    return result.x, np.abs(offsets), along
 
 
-def radii_of(what: str, values: ArrayLike, count: int | None = None, each: str = "") -> Array:
-    """Positive numbers, `count` of them or one for all; for no count one stands for two, and there are at least two."""
-    more = "two or more" if count is None else f"{count}, one per {each}"
-    allowed = f"one positive number, or {more} [mm]"
-    array = np.atleast_1d(as_floats(what, values, allowed))
-    if array.shape == (1,):
-        array = np.repeat(array, 2 if count is None else count)
-    size = max(2, array.size) if count is None else count
-    if array.shape != (size,) or not bool(((array > 0.0) & (array <= LARGEST_INPUT)).all()):
-        raise InvalidInput(what, values, allowed)
-    return array
+def _offsets(numbers: Array, points: Array, guesses: Array) -> tuple[Array, Array]:
+    """Signed distances of points from the line to its left, and the places nearest to them; both ends go on straight.
+
+    numbers: x, y and angle of its start, and the curvatures of pieces of equal lengths.
+    """
+    length = guesses[-1]
+    borders = np.linspace(0.0, length, numbers.size - 2)
+    line = Surface(Profile.piecewise_constant(borders, numbers[3:]), (numbers[0], numbers[1]), numbers[2])
+    along = guesses.copy()
+    for _ in range(_RENEWALS):
+        at = np.clip(along, 0.0, length)
+        pose = line.pose(at)
+        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        dx, dy = (points - pose[:, :2]).T
+        ahead, across = dx * cos + dy * sin, dy * cos - dx * sin
+        bend = np.where(at == along, 1.0 - line.curvature(at) * across, 1.0)
+        along = at + ahead / np.maximum(bend, 0.2)
+    return across, along

@@ -10,10 +10,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_positive
 from rollingjoint.errors import InvalidInput
-from rollingjoint.surroundings.lumen import check_overlap, check_room, numbers_of, radii_of, straight_parts
-from rollingjoint.surroundings.walls import Boundary, Row, Triple, as_direction, as_place, point_array
+from rollingjoint.surroundings.arcs import AroundArcs
+from rollingjoint.surroundings.walls import Row, Triple, as_direction, as_place
 
 Array = NDArray[np.float64]
 
@@ -34,7 +33,7 @@ class Frames(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Tube(Boundary):
+class Tube(AroundArcs):
     """A tube in space in which a chain lies: a centre line of arcs, without corners, and a radius along it.
 
     Every arc has a plane of its own, so that the line may wind. Both ends go on straight, with the radius there. Links
@@ -66,26 +65,13 @@ class Tube(Boundary):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lengths, curvatures = numbers_of("Tube lengths", self.lengths), numbers_of("Tube curvatures", self.curvatures)
-        directions = numbers_of("Tube directions", self.directions)
-        if not lengths.size or not bool((lengths > 0.0).all()):
-            raise InvalidInput("Tube lengths", self.lengths, "one or more numbers above 0 [mm]")
-        if lengths.shape != curvatures.shape or not bool((curvatures >= 0.0).all()):
-            raise InvalidInput("Tube curvatures", self.curvatures, f"{lengths.size} numbers, 0 or more [1/mm]")
-        if lengths.shape != directions.shape:
-            raise InvalidInput("Tube directions", self.directions, f"{lengths.size} numbers, one per piece [rad]")
-        radii = radii_of("Tube radii", self.radii, lengths.size + 1, "border of the pieces")
-        for name, numbers in (
-            ("lengths", lengths),
-            ("curvatures", curvatures),
-            ("directions", directions),
-            ("radii", radii),
-        ):
-            object.__setattr__(self, name, tuple(numbers.tolist()))
+        self._keep_pieces(directions=(self.directions, "rad"))
+        if min(self.curvatures) < 0.0:
+            raise InvalidInput("Tube curvatures", self.curvatures, "0 or more [1/mm]", "Turn the direction by pi.")
         object.__setattr__(self, "start", as_place("Tube start", self.start))
         object.__setattr__(self, "tangent", as_direction("Tube tangent", self.tangent))
-        check_room("Tube", self, radii)
-        check_overlap("Tube", self, radii)
+        self._check_room()
+        self._check_overlap()
 
     @classmethod
     def through(cls, points: ArrayLike, radii: ArrayLike, bend_radius: ArrayLike, **law: Any) -> Tube:
@@ -100,21 +86,13 @@ class Tube(Boundary):
             InvalidInput: points in one place, lines too short for their arcs, a line that turns right back; as the
                 class.
         """
-        corners = point_array("Tube points", points, 2)
-        steps = np.diff(corners, axis=0)
-        sizes = np.linalg.norm(steps, axis=1)
-        if not bool((sizes > 0.0).all()):
-            raise InvalidInput("Tube points", points, "neighbours in different places", "Leave out the repeated one.")
-        radii = radii_of("Tube radii", radii, len(corners), "point")
-        bends = np.zeros(0)
-        if len(corners) > 2:
-            bends = radii_of("Tube bend_radius", bend_radius, len(corners) - 2, "corner")
+        corners, steps, sizes, radii = cls._polyline(points, radii, 2)
         ways = steps / sizes[:, None]
         aside = ways[1:] - np.einsum("ka,ka->k", ways[1:], ways[:-1])[:, None] * ways[:-1]
         turns = np.arctan2(np.linalg.norm(aside, axis=1), np.einsum("ka,ka->k", ways[1:], ways[:-1]))
         if bool((turns > np.pi - 1e-6).any()):
             raise InvalidInput("Tube points", points, "lines that do not turn right back")
-        straight = straight_parts("Tube bend_radius", bend_radius, sizes, bends, turns)
+        straight, bends = cls._between_bends(bend_radius, sizes, turns)
         frame = first_frame(corners[0], ways[0])
         pieces: list[tuple[float, float, float, float]] = []  # length, curvature, direction, radius at the end
         for i, length in enumerate(straight):
@@ -141,27 +119,10 @@ class Tube(Boundary):
         Raises:
             InvalidInput: points that no k - 2 arcs fit so well; as the class.
         """
-        places = point_array("Tube points", points, 3)
-        tolerance = as_positive("Tube tolerance", tolerance, "a number above 0 [mm]")
-        radii = radii_of("Tube radii", radii, len(places), "point")
-        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        if not bool((steps > 0.0).all()):
-            raise InvalidInput("Tube points", points, "neighbours in different places", "Leave out the repeated one.")
-        line, along = _fitted(places, np.concatenate([[0.0], np.cumsum(steps)]), tolerance)
-        ends = np.interp(np.concatenate([[0.0], np.cumsum(line.lengths)]), along, radii).tolist()
-        lengths, curvatures, directions = (values.tolist() for values in (line.lengths, line.curvatures, line.angles))
+        line, lengths, ends = cls._fitted(points, radii, tolerance, _fitted)
+        curvatures, directions = line.curvatures.tolist(), line.angles.tolist()
         first: Any = tuple(line.frames.points[0].tolist()), tuple(line.frames.tangents[0].tolist())
         return cls(lengths, curvatures, directions, ends, *first, **law)
-
-    @property
-    def length(self) -> float:
-        """Of the centre line between its straight ends [mm]."""
-        return float(sum(self.lengths))
-
-    @cached_property
-    def borders(self) -> Array:
-        """Arc lengths at which pieces begin and end, (p + 1,) [mm]."""
-        return np.concatenate([[0.0], np.cumsum(self.lengths)])
 
     @cached_property
     def frames(self) -> Frames:
@@ -184,15 +145,11 @@ class Tube(Boundary):
         """Points of the centre line at arc lengths t, (..., 3) [mm]."""
         return self.frames_at(np.ravel(t)).points.reshape(*np.shape(t), 3)
 
-    def radius(self, t: ArrayLike) -> Array:
-        """Radius at arc lengths t, the shape of t [mm]."""
-        return np.interp(np.asarray(t, float), self.borders, np.array(self.radii))
-
     def rows(self) -> Mapping[str, Sequence[Row]]:
         """A piece for every arc, without the number of the tube."""
         frames = Frames(*(part[:-1] for part in self.frames))
         normals = frames.directions(np.array(self.directions))
-        radii = np.array(self.radii)
+        radii = self.border_radii
         columns = frames.points, frames.tangents, normals, self.curvatures, self.lengths, radii[:-1], radii[1:]
         table = np.column_stack([np.asarray(column, float) for column in columns])
         return {"pieces": [tuple(row) for row in table.tolist()], "tubes": [()]}
@@ -280,37 +237,26 @@ def _offsets(line: _Line, points: Array) -> tuple[Array, Array]:
     return vectors[rows, best], along[rows, best]
 
 
-def _fitted(points: Array, guesses: Array, tolerance: float) -> tuple[_Line, Array]:
-    """The line with the fewest arcs of equal lengths that fits points, and their places along it.
+def _fitted(points: Array, guesses: Array, pieces: int) -> tuple[_Line, Array, Array]:
+    """The line of so many arcs of equal lengths that fits points, distances of these from it and places along it.
 
     guesses: their places along the polyline through them.
     """
     from scipy.optimize import least_squares
 
-    length, closest, pieces = float(guesses[-1]), np.inf, 1
+    length = float(guesses[-1])
     first = first_frame(points[0], (points[1] - points[0]) / np.linalg.norm(points[1] - points[0]))
-    while pieces <= len(points) - 2:
-        start = np.zeros(5 + 2 * pieces)
-        start[5:] = _bends(points, guesses, first, pieces).ravel()
-        result = least_squares(
-            lambda x: _offsets(_line_of(x, first, length), points)[0].ravel(),
-            start,
-            x_scale=np.concatenate([np.ones(3), np.full(2, 0.1), np.full(2 * pieces, 1.0 / length)]),
-            max_nfev=_MOST_STEPS,
-        )
-        line = _line_of(result.x, first, length)
-        offsets, along = _offsets(line, points)
-        error = float(np.linalg.norm(offsets, axis=1).max())
-        if error <= tolerance:
-            if np.diff(along).min() < -tolerance:
-                place = 1 + int(np.argmin(np.diff(along)))
-                hint = f"Point {place} lies before the one before it."
-                raise InvalidInput("Tube points", points, "points in order along the tube", hint)
-            return line, np.maximum.accumulate(along)
-        closest = min(closest, error)
-        pieces = max(pieces + 1, int(1.3 * pieces))
-    hint = f"{len(points) - 2} arcs come within {closest:.2g} mm."
-    raise InvalidInput("Tube tolerance", tolerance, "a distance that arcs reach at these points [mm]", hint)
+    start = np.zeros(5 + 2 * pieces)
+    start[5:] = _bends(points, guesses, first, pieces).ravel()
+    result = least_squares(
+        lambda x: _offsets(_line_of(x, first, length), points)[0].ravel(),
+        start,
+        x_scale=np.concatenate([np.ones(3), np.full(2, 0.1), np.full(2 * pieces, 1.0 / length)]),
+        max_nfev=_MOST_STEPS,
+    )
+    line = _line_of(result.x, first, length)
+    offsets, along = _offsets(line, points)
+    return line, np.linalg.norm(offsets, axis=1), along
 
 
 def _bends(points: Array, guesses: Array, first: Frames, pieces: int) -> Array:
