@@ -49,10 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         one.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl", help="a new recording")
     rebooting = command("reboot", _reboot, "reboot a motor after a hardware error, and forget the zero")
     rebooting.add_argument("--id", type=int, required=True, metavar="N", help="of the motor, which loses its torque")
-    exporting = command("export", _export, "a recording as a Minari dataset, an episode per run", False)
+    exporting = command("export", _export, "a recording as a Minari dataset, or as a Parquet table", False)
     exporting.add_argument("recording", type=Path, metavar="FILE", help="a recording")
     exporting.add_argument(
-        "--out", required=True, metavar="WHERE", help="id of the dataset (rig/bench-v0), or a folder"
+        "--out", required=True, metavar="WHERE", help="id of a dataset (rig/bench-v0), a folder, or FILE.parquet"
     )
     replaying = command("replay", _replay, "recorded motors through the model, beside what was measured", False)
     replaying.add_argument("recording", type=Path, metavar="FILE", help="a recording")
@@ -210,10 +210,14 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from agents.rig.export import write_minari
+    from agents.rig.export import write_minari, write_parquet
 
-    folder, steps = write_minari(arguments.recording, arguments.out)
-    print(f"{folder}: {steps} steps")
+    where: str | Path = arguments.out
+    if Path(where).suffix.lower() == ".parquet":
+        steps = write_parquet(arguments.recording, where)
+    else:
+        where, steps = write_minari(arguments.recording, where)
+    print(f"{where}: {steps} steps")
     return 0
 
 
