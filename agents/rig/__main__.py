@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.runs.command_line import exit_code
-from rollingjoint.checks import as_integer, as_number, as_positive
-from rollingjoint.errors import ConfigError
+from rollingjoint.checks import as_integer, as_number
+from rollingjoint.errors import ConfigError, InvalidInput
 
 if TYPE_CHECKING:
     from agents.rig.settings import RigSettings
@@ -107,7 +107,10 @@ def _bench(arguments: argparse.Namespace) -> int:
 
     settings = _settings(arguments)
     as_integer("--steps", arguments.steps, 1, 10**6, error=ConfigError)
-    as_positive("--bend", arguments.bend, "a positive number [mm]", ConfigError)
+    travel = settings.guard.travel_mm
+    as_number(
+        "--bend", arguments.bend, 0.1, travel, allowed=f"0.1 to {travel:g} mm, guard.travel_mm", error=ConfigError
+    )
     as_integer("--seed", arguments.seed, 0, error=ConfigError)
     settings.spools()  # its errors before the file
     writer = RecordingWriter(arguments.out, settings.mechanism, rate=settings.rate, rig=str(settings.path))
@@ -132,7 +135,11 @@ def _drive(arguments: argparse.Namespace) -> int:
     as_integer("--seed", arguments.seed, 0, error=ConfigError)
     if policy.mechanism.n_tendons != settings.mechanism.n_tendons:
         raise ConfigError("--policy", arguments.policy, f"a policy for {settings.mechanism.n_tendons} tendons")
-    task_of_rigs(policy.settings)
+    try:
+        task_of_rigs(policy.settings)
+    except InvalidInput:
+        allowed = "a policy that sees motors and tensions, such as instrument, and no poses"
+        raise ConfigError("--policy", arguments.policy, allowed) from None
     for target in arguments.target or ():
         _check_reach(settings, target)
     settings.spools()

@@ -25,6 +25,7 @@ LARGEST_FILE = 2**28  # bytes: 13 hours of two tendons at 20 Hz
 LONGEST_LINE = 100_000  # characters
 MOST_STEPS = 2_000  # that an identification goes through; longer recordings are thinned
 READINGS = ("motors", "tensions", "tip")
+LARGEST = 10_000.0  # of any reading [mm, N]
 _AXES = "xyz"
 
 
@@ -50,6 +51,12 @@ class RecordedRun:
         count = len(self.t)
         if count < 2 or not np.isfinite(self.motors).all() or not np.isfinite(self.t).all():
             raise InvalidInput(f"run {self.name}", count, "at least 2 steps with finite times and motor positions")
+        for name, unit in (("motors", "mm"), ("tensions", "N"), ("tips", "mm")):
+            values = getattr(self, name)
+            if (far := np.abs(values) > LARGEST).any():
+                allowed = f"numbers from {-LARGEST:g} to {LARGEST:g} [{unit}]"
+                hint = "Leave out what was not read."
+                raise InvalidInput(f"{name} of run {self.name}", float(values[far][0]), allowed, hint)
         if (np.diff(self.t) <= 0).any():
             raise InvalidInput(
                 f"times of run {self.name}",
