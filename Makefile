@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 LOWEST := .venv-lowest
 WITH ?= --torch-backend cpu
-EXTRAS := train,search,cluster,cad,onnx,data,view,rig,camera,docs,dev,benchmarks
+EXTRAS := train,search,cluster,cad,onnx,data,view,rig,parquet,camera,docs,dev,benchmarks
 VERIFIED := install --require-hashes --only-binary :all:
 TORCH ?= $(shell sed -n 's/^torch==\([0-9.]*\) .*/\1/p' constraints.txt)
 

@@ -165,7 +165,7 @@ def filmed(policy: Controller, first: int) -> bytes:
     for size, design in sorted(sizes.items()):
         env = EnvConfig(ID, settings={"mechanisms": {"designs": (design, design + 1)}})
         frames[f"{size} links"] = film(env, policy, MANY_TEST.stop - 1)[:36:2]
-    return animation(frames, 190)
+    return animation(frames, 400, columns=3)
 
 
 if __name__ == "__main__":

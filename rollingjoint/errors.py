@@ -53,6 +53,7 @@ _EXTRAS = {  # of pyproject.toml, and the packages that they bring; of several t
     "video": ("moviepy",),
     "track": ("wandb",),
     "rig": ("dynamixel_sdk",),
+    "parquet": ("pyarrow",),
     "camera": ("PIL",),
     "view": ("viser", *_PLOT),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d", *_PLOT),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Literal
@@ -88,16 +89,17 @@ def error_distribution(errors: Mapping[str, Array], floors: Array | None = None)
     return png(figure)
 
 
-def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440) -> bytes:
+def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440, columns: int | None = None) -> bytes:
     """GIF: one episode under several controllers side by side, each under its name.
 
     Args:
         frames: RGB images (height, width, 3) per controller, one per step.
         width: of one controller's picture [pixels].
+        columns: controllers in a row; None: all.
     """
     count = max(len(series) for series in frames.values())
     pictures = [
-        _side_by_side([_titled(series[min(step, len(series) - 1)], name, width) for name, series in frames.items()])
+        _in_rows([_titled(series[min(step, len(series) - 1)], name, width) for name, series in frames.items()], columns)
         for step in range(count)
     ]
     palette = _palette(pictures[:: max(1, count // 5)])
@@ -127,14 +129,12 @@ def _titled(frame: np.ndarray, name: str, width: int) -> Image.Image:
     return image
 
 
-def _side_by_side(images: Sequence[Image.Image]) -> Image.Image:
-    gap = 4
-    width = sum(image.width for image in images) + gap * (len(images) - 1)
-    canvas = Image.new("RGB", (width, max(image.height for image in images)), "#bbbbbb")
-    offset = 0
-    for image in images:
-        canvas.paste(image, (offset, 0))
-        offset += image.width + gap
+def _in_rows(images: Sequence[Image.Image], columns: int | None) -> Image.Image:
+    gap, columns = 4, columns or len(images)
+    width, height = (max(image.size[axis] for image in images) + gap for axis in (0, 1))
+    canvas = Image.new("RGB", (columns * width - gap, math.ceil(len(images) / columns) * height - gap), "#bbbbbb")
+    for place, image in enumerate(images):
+        canvas.paste(image, (place % columns * width, place // columns * height))
     return canvas
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.learners.gain import Combined, GainHead
-from agents.learners.tape import StepTape, Tape, layer_gradients, tanh_, tanh_slope
+from agents.learners.tape import LinearTape, StepTape, Tape, tanh_, tanh_slope
 from rj_gym.core.task import ObservedError
 
 
@@ -64,43 +64,30 @@ class FeedForwardActor(nn.Module):
 
 
 class FeedForwardTape:
-    """Steps of a FeedForwardActor whose activation is tanh, and their gradients by formulas written by hand.
-
-    Gradients by weights are one matrix product over all steps and episodes.
-
-    Args:
-        actor: which must not change until the gradients are taken. steps: T. lanes: B episodes.
-    Attributes:
-        parameters: of the actor.
-    """
+    """The Tape of a FeedForwardActor whose activation is tanh, by formulas written by hand."""
 
     @torch.no_grad()
     def __init__(self, actor: FeedForwardActor, steps: int, lanes: int) -> None:
         self.parameters = tuple(actor.parameters())
         self._gain = actor.head if isinstance(actor.head, GainHead) else None
-        layers = [
-            *(part for part in actor.hidden if isinstance(part, nn.Linear)),
-            self._gain.layer if self._gain else actor.head,
-        ]
-        self._layers = [(layer.weight, layer.bias) for layer in layers]
-        self._inputs = [torch.empty(steps, lanes, weight.shape[1]) for weight, _ in self._layers]
-        self._by_outputs = [torch.empty(steps, lanes, len(bias)) for _, bias in self._layers]
+        parts = *actor.hidden, self._gain.layer if self._gain else actor.head
+        self._layers = [LinearTape(part, steps, lanes) for part in parts if isinstance(part, nn.Linear)]
         self._combined, self._now = list[Combined](), 0
 
     @property
     def memories(self) -> torch.Tensor:
         """The memory after every step, of no entries, (T, B, 0)."""
-        return self._inputs[0][..., :0]
+        return self._layers[0].inputs[..., :0]
 
     @torch.no_grad()
     def step(self, x: torch.Tensor) -> torch.Tensor:
         """Actions before clipping (B, m) of the next step, for normalised observations x (B, entries)."""
-        t, (weight, bias) = self._now, self._layers[-1]
-        self._inputs[0][t] = x
-        for layer, inputs, outputs in zip(self._layers, self._inputs, self._inputs[1:], strict=False):
-            tanh_(torch.addmm(layer[1], inputs[t], layer[0].T, out=outputs[t]))
+        t = self._now
+        self._layers[0].inputs[t] = x
+        for layer, following in pairwise(self._layers):
+            tanh_(layer.outputs(t, out=following.inputs[t]))
         self._now += 1
-        outputs = torch.addmm(bias, self._inputs[-1][t], weight.T)
+        outputs = self._layers[-1].outputs(t)
         if self._gain is None:
             return outputs
         actions, combined = self._gain.combined(outputs, x[:, list(self._gain.error.places)])
@@ -117,11 +104,10 @@ class FeedForwardTape:
         t, by_outputs, by_entries = self._now, by_actions, None
         if self._gain is not None:
             by_outputs, by_entries = self._gain.back(by_actions, self._combined[t])
-        for place in reversed(range(len(self._layers))):
-            self._by_outputs[place][t] = by_outputs
-            by_outputs = by_outputs @ self._layers[place][0]
-            if place > 0:
-                by_outputs *= tanh_slope(self._inputs[place][t])
+        for layer in reversed(self._layers):
+            by_outputs = layer.back(t, by_outputs)
+            if layer is not self._layers[0]:
+                by_outputs *= tanh_slope(layer.inputs[t])
         if self._gain is not None and by_entries is not None:
             by_outputs[:, list(self._gain.error.places)] += by_entries
         return by_outputs
@@ -129,5 +115,4 @@ class FeedForwardTape:
     @torch.no_grad()
     def gradients(self) -> tuple[torch.Tensor, ...]:
         """Gradients by the actor's parameters, in the order of `parameters()`, after all steps back."""
-        pairs = zip(self._by_outputs, self._inputs, strict=True)
-        return tuple(gradient for by_outputs, inputs in pairs for gradient in layer_gradients(by_outputs, inputs))
+        return tuple(gradient for layer in self._layers for gradient in layer.gradients())

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.learners.tape import layer_gradients, tanh_, tanh_slope
+from agents.learners.tape import LinearTape, layer_gradients, tanh_, tanh_slope
 
 WIDTH = 128
 
@@ -74,15 +74,10 @@ class RecurrentActor(nn.Module):
 
 
 class RecurrentTape:
-    """Steps of a RecurrentActor, and their gradients by formulas written by hand.
+    """The Tape of a RecurrentActor, by formulas written by hand.
 
     Layers with a common input are one matrix: z goes into the three gates and the head, the memory into the gates of
     the next step and the head. Gradients by weights are one matrix product over all steps and episodes.
-
-    Args:
-        actor: which must not change until the gradients are taken. steps: T. lanes: B episodes.
-    Attributes:
-        parameters: of the actor.
     """
 
     @torch.no_grad()
@@ -91,13 +86,12 @@ class RecurrentTape:
         (encoder, _), (hidden, _, last) = actor.encoder, actor.head
         self.parameters = tuple(actor.parameters())
         self._width, self._now = width, 0
-        self._encoder, self._last = (encoder.weight, encoder.bias), (last.weight, last.bias)
+        self._encoder, self._last = LinearTape(encoder, steps, lanes), LinearTape(last, steps, lanes)
         self._by_z = torch.cat([cell.weight_ih_l0, hidden.weight[:, width:]])
         self._by_memory = torch.cat([cell.weight_hh_l0, hidden.weight[:, :width]])
         self._z_bias = torch.cat([cell.bias_ih_l0, hidden.bias])
         self._memory_bias = torch.cat([cell.bias_hh_l0, torch.zeros(width)])
-        self._x = torch.empty(steps, lanes, encoder.in_features)
-        self._z, self._new, self._fed, self._hidden = torch.empty(4, steps, lanes, width)
+        self._z, self._new, self._fed = torch.empty(3, steps, lanes, width)
         self._gates = torch.empty(steps, lanes, 2 * width)  # r and u
         self._memories = torch.empty(steps + 1, lanes, width)  # before the first step, and after each
         self._memories[0] = 0.0
@@ -112,8 +106,8 @@ class RecurrentTape:
     def step(self, x: torch.Tensor) -> torch.Tensor:
         """Actions before clipping (B, m) of the next step, for x (B, entries)."""
         t, w, before = self._now, self._width, self._memories[self._now]
-        self._x[t] = x
-        z = tanh_(torch.addmm(self._encoder[1], x, self._encoder[0].T, out=self._z[t]))
+        self._encoder.inputs[t] = x
+        z = tanh_(self._encoder.outputs(t, out=self._z[t]))
         seen, recalled = torch.addmm(self._z_bias, z, self._by_z.T), self._recalled
         gates = torch.add(seen[:, : 2 * w], recalled[:, : 2 * w], out=self._gates[t]).sigmoid_()
         r, u, fed = gates[:, :w], gates[:, w:], self._fed[t]
@@ -121,17 +115,15 @@ class RecurrentTape:
         new = tanh_(torch.addcmul(seen[:, 2 * w : 3 * w], r, fed, out=self._new[t]))
         memory = torch.lerp(new, before, u, out=self._memories[t + 1])
         self._recalled = torch.addmm(self._memory_bias, memory, self._by_memory.T)
-        hidden = tanh_(torch.add(seen[:, 3 * w :], self._recalled[:, 3 * w :], out=self._hidden[t]))
+        tanh_(torch.add(seen[:, 3 * w :], self._recalled[:, 3 * w :], out=self._last.inputs[t]))
         self._now += 1
-        return torch.addmm(self._last[1], hidden, self._last[0].T)
+        return self._last.outputs(t)
 
     @torch.no_grad()
     def begin_back(self) -> None:
         """Before the gradients by the last step."""
         steps, lanes, w = self._z.shape
         self._now = steps
-        self._by_actions = torch.empty(steps, lanes, len(self._last[1]))
-        self._by_encoded = torch.empty(steps, lanes, w)
         self._by_seen = torch.empty(steps, lanes, 4 * w)
         self._by_recalled = torch.empty(steps + 1, lanes, 4 * w)  # from each memory, that before the first step too
         self._by_recalled[0, :, 3 * w :] = self._by_recalled[steps, :, : 3 * w] = 0.0
@@ -139,18 +131,13 @@ class RecurrentTape:
 
     @torch.no_grad()
     def back(self, by_actions: torch.Tensor, by_memory: torch.Tensor | None = None) -> torch.Tensor:
-        """Gradient by x (B, entries) of the last step of which there is none yet.
-
-        Args:
-            by_actions: gradient by its actions (B, m).
-            by_memory: gradient by the memory after it (B, width), but for its effect on later steps; None: 0.
-        """
+        """Gradient by x (B, entries) of the last step of which there is none yet: see Tape."""
         self._now -= 1
         t, w = self._now, self._width
         (r, u), new, fed = self._gates[t].split(w, 1), self._new[t], self._fed[t]
         seen, recalled, earlier = self._by_seen[t], self._by_recalled[t + 1], self._by_recalled[t]
-        self._by_actions[t] = by_actions
-        by_hidden = torch.mul(by_actions @ self._last[0], tanh_slope(self._hidden[t]), out=seen[:, 3 * w :])
+        by_hidden = self._last.back(t, by_actions)
+        by_hidden = torch.mul(by_hidden, tanh_slope(self._last.inputs[t]), out=seen[:, 3 * w :])
         recalled[:, 3 * w :] = by_hidden
         total = torch.addmm(self._carried, recalled, self._by_memory)
         if by_memory is not None:
@@ -161,8 +148,7 @@ class RecurrentTape:
         earlier[:, :w], earlier[:, w : 2 * w] = by_r, by_u
         torch.mul(by_new, r, out=earlier[:, 2 * w : 3 * w])
         self._carried = total * u
-        by_encoded = torch.mul(seen @ self._by_z, tanh_slope(self._z[t]), out=self._by_encoded[t])
-        return by_encoded @ self._encoder[0]
+        return self._encoder.back(t, (seen @ self._by_z) * tanh_slope(self._z[t]))
 
     @torch.no_grad()
     def gradients(self) -> tuple[torch.Tensor, ...]:
@@ -172,5 +158,4 @@ class RecurrentTape:
         by_memory, memory_bias = layer_gradients(self._by_recalled, self._memories)
         hidden = torch.cat([by_memory[3 * w :], by_z[3 * w :]], 1)
         gates = by_z[: 3 * w], by_memory[: 3 * w], z_bias[: 3 * w], memory_bias[: 3 * w]
-        last = layer_gradients(self._by_actions, self._hidden)
-        return *layer_gradients(self._by_encoded, self._x), *gates, hidden, z_bias[3 * w :], *last
+        return *self._encoder.gradients(), *gates, hidden, z_bias[3 * w :], *self._last.gradients()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import torch
+from torch import nn
 
 
 class Tape(Protocol):
@@ -97,6 +98,32 @@ class StepTape:
     def gradients(self) -> tuple[torch.Tensor, ...]:
         """Gradients by the parameters, after all steps back."""
         return tuple(self._gradients)
+
+
+class LinearTape:
+    """T = `steps` steps of B = `lanes` episodes through a linear layer of weight (k, n), and their gradients.
+
+    Attributes:
+        inputs: (T, B, n). by_outputs: gradients by the outputs, (T, B, k).
+    """
+
+    def __init__(self, layer: nn.Linear, steps: int, lanes: int) -> None:
+        self.weight, self.bias = layer.weight, layer.bias
+        self.inputs = torch.empty(steps, lanes, layer.in_features)
+        self.by_outputs = torch.empty(steps, lanes, layer.out_features)
+
+    def outputs(self, t: int, out: torch.Tensor | None = None) -> torch.Tensor:
+        """Of step t, (B, k), into `out` where it is given."""
+        return torch.addmm(self.bias, self.inputs[t], self.weight.T, out=out)
+
+    def back(self, t: int, by_outputs: torch.Tensor) -> torch.Tensor:
+        """Gradient by the inputs of step t, (B, n), for that by its outputs (B, k), which is kept."""
+        self.by_outputs[t] = by_outputs
+        return by_outputs @ self.weight
+
+    def gradients(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """By the weight (k, n) and the bias (k,), over all steps: one matrix product."""
+        return layer_gradients(self.by_outputs, self.inputs)
 
 
 def layer_gradients(by_output: torch.Tensor, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -12,7 +12,7 @@ Modules:
     camera: the tip as a camera sees it, by balls on the links.
     calibrate: signs, homing by tension, sweeps on the bench.
     settings: the file of a rig, and its calibration.
-    export: recordings as Minari datasets.
+    export: recordings as Minari datasets and Parquet tables.
     dynamixel: Dynamixel XM430-W350 by the manufacturer's SDK.
     cells: load cells behind a serial amplifier.
     simulated: servos and load cells in software behind pseudo-terminals.

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.runs.command_line import exit_code
-from rollingjoint.checks import as_integer, as_number, as_positive
-from rollingjoint.errors import ConfigError
+from rollingjoint.checks import as_integer, as_number
+from rollingjoint.errors import ConfigError, InvalidInput
 
 if TYPE_CHECKING:
     from agents.rig.settings import RigSettings
@@ -49,10 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         one.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl", help="a new recording")
     rebooting = command("reboot", _reboot, "reboot a motor after a hardware error, and forget the zero")
     rebooting.add_argument("--id", type=int, required=True, metavar="N", help="of the motor, which loses its torque")
-    exporting = command("export", _export, "a recording as a Minari dataset, an episode per run", False)
+    exporting = command("export", _export, "a recording as a Minari dataset, or as a Parquet table", False)
     exporting.add_argument("recording", type=Path, metavar="FILE", help="a recording")
     exporting.add_argument(
-        "--out", required=True, metavar="WHERE", help="id of the dataset (rig/bench-v0), or a folder"
+        "--out", required=True, metavar="WHERE", help="id of a dataset (rig/bench-v0), a folder, or FILE.parquet"
     )
     replaying = command("replay", _replay, "recorded motors through the model, beside what was measured", False)
     replaying.add_argument("recording", type=Path, metavar="FILE", help="a recording")
@@ -107,7 +107,10 @@ def _bench(arguments: argparse.Namespace) -> int:
 
     settings = _settings(arguments)
     as_integer("--steps", arguments.steps, 1, 10**6, error=ConfigError)
-    as_positive("--bend", arguments.bend, "a positive number [mm]", ConfigError)
+    travel = settings.guard.travel_mm
+    as_number(
+        "--bend", arguments.bend, 0.1, travel, allowed=f"0.1 to {travel:g} mm, guard.travel_mm", error=ConfigError
+    )
     as_integer("--seed", arguments.seed, 0, error=ConfigError)
     settings.spools()  # its errors before the file
     writer = RecordingWriter(arguments.out, settings.mechanism, rate=settings.rate, rig=str(settings.path))
@@ -132,7 +135,11 @@ def _drive(arguments: argparse.Namespace) -> int:
     as_integer("--seed", arguments.seed, 0, error=ConfigError)
     if policy.mechanism.n_tendons != settings.mechanism.n_tendons:
         raise ConfigError("--policy", arguments.policy, f"a policy for {settings.mechanism.n_tendons} tendons")
-    task_of_rigs(policy.settings)
+    try:
+        task_of_rigs(policy.settings)
+    except InvalidInput:
+        allowed = "a policy that sees motors and tensions, such as instrument, and no poses"
+        raise ConfigError("--policy", arguments.policy, allowed) from None
     for target in arguments.target or ():
         _check_reach(settings, target)
     settings.spools()
@@ -210,10 +217,14 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from agents.rig.export import write_minari
+    from agents.rig.export import write_minari, write_parquet
 
-    folder, steps = write_minari(arguments.recording, arguments.out)
-    print(f"{folder}: {steps} steps")
+    where: str | Path = arguments.out
+    if Path(where).suffix.lower() == ".parquet":
+        steps = write_parquet(arguments.recording, where)
+    else:
+        where, steps = write_minari(arguments.recording, where)
+    print(f"{where}: {steps} steps")
     return 0
 
 

@@ -151,7 +151,7 @@ class Dynamixels:
                 raise BusLost(f"{settings.port}: no baud rate of {settings.baud}")
         except PORT_ERRORS as error:
             words = getattr(error, "strerror", None) or error
-            raise BusLost(f"motors: {words}; is motors.port of the rig's file right?") from error
+            raise BusLost(f"motors.port = {settings.port!r}: {words}; name the port of the motors") from error
 
     def connect(self) -> None:
         """Check every motor, and configure it; torque goes off only where the mode has to change."""

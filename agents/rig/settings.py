@@ -20,7 +20,7 @@ from agents.runs.checked_json import read_json
 from agents.runs.files import write_text
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checked_yaml import mapping, number, numbers, read_yaml, text
-from rollingjoint.checks import as_boolean, as_integer, as_positive
+from rollingjoint.checks import as_boolean, as_integer, as_number, as_positive
 from rollingjoint.errors import ConfigError
 from rollingjoint.identify import RecordingWriter
 from rollingjoint.io.mechanism_file import load_mechanism
@@ -30,6 +30,8 @@ MOTOR_KEYS = ("port", "baud", "ids", "signs", "radius_mm", "current_limit", "wat
 CELL_KEYS = ("port", "baud")
 CAMERA_KEYS = ("grab", "view", "balls", "diameter", "kind")
 SIMULATED_KEYS = ("robot", "generation", "wall")
+BAUDS = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)  # of XM430 motors
+FASTEST = 200.0  # Hz: four looks in each step take 1 ms or more each, with two motors at 1 Mbaud
 CALIBRATION, CALIBRATION_KEYS = ".calibration.json", ("zero_ticks", "zero_mm", "signs", "radius_mm", "tension")
 
 
@@ -79,7 +81,7 @@ class RigSettings:
         ticks, lengths, kept = (_per_tendon(f"{where}: {name}", content[name], m) for name in CALIBRATION_KEYS[:3])
         if tuple(kept) != signs or content["radius_mm"] != radius:
             hint = f"Home again: rj rig home {self.path}."
-            raise ConfigError("calibration", where, "of the signs and radius in the rig's file", hint)
+            raise ConfigError("calibration", where, "one with the signs and the radius of the rig's file", hint)
         whole = (as_integer(f"{where}: zero_ticks", tick, error=ConfigError) for tick in ticks)
         return Spools(radius, signs, tuple(whole), tuple(lengths), self.offsets)
 
@@ -110,7 +112,8 @@ def load_rig(path: str | Path) -> RigSettings:
     names = [field.name for field in fields(GuardSettings)]
     given = mapping(f"{where}: guard", top.get("guard"), names)
     guard = GuardSettings(**{name: number(f"{where}: guard.{name}", value) for name, value in given.items()})
-    rate = as_positive(f"{where}: rate", top.get("rate", 20.0), "a positive number [Hz]", ConfigError)
+    allowed = f"a number from 0.1 to {FASTEST:g} [Hz]"
+    rate = as_number(f"{where}: rate", top.get("rate", 20.0), 0.1, FASTEST, allowed=allowed, error=ConfigError)
     looks = as_integer(f"{where}: looks", top.get("looks", 4), 1, 100, error=ConfigError)
     offsets = _offsets(where, top, path.parent, m)
     camera = (
@@ -125,14 +128,24 @@ def _motors(where: str, value: object, m: int, in_software: bool) -> dict[str, A
     content = mapping(
         where, value, MOTOR_KEYS, ("radius_mm",) if in_software else ("port", "ids", "signs", "radius_mm")
     )
-    motors = {"ids": list(range(1, m + 1)), "signs": [1] * m, "baud": 1_000_000, "watchdog_s": 0.4} | dict(content)
+    motors: dict[str, Any] = {
+        "ids": list(range(1, m + 1)),
+        "signs": [1] * m,
+        "baud": 1_000_000,
+        "watchdog_s": 0.4,
+    } | dict(content)
     for name, low, high in (("ids", 0, 252), ("signs", -1, 1)):
         values = _per_tendon(f"{where}.{name}", motors[name], m)
         motors[name] = [as_integer(f"{where}.{name}", each, low, high, error=ConfigError) for each in values]
-    as_integer(f"{where}.baud", motors["baud"], 1, error=ConfigError)
-    for name in ("radius_mm", "current_limit"):
+    if 0 in motors["signs"]:
+        allowed = "1 for motors whose rising ticks pull in, -1 for others"
+        raise ConfigError(f"{where}.signs", motors["signs"], allowed)
+    if motors["baud"] not in BAUDS:
+        allowed = f"one of {', '.join(map(str, BAUDS))}, as in the motors"
+        raise ConfigError(f"{where}.baud", motors["baud"], allowed)
+    for name, unit in (("radius_mm", "mm"), ("current_limit", "N")):
         if motors.get(name) is not None:
-            motors[name] = as_positive(f"{where}.{name}", motors[name], "a positive number", ConfigError)
+            motors[name] = as_positive(f"{where}.{name}", motors[name], f"a positive number [{unit}]", ConfigError)
     return motors
 
 
@@ -153,6 +166,9 @@ def _offsets(where: str, top: Mapping[str, Any], folder: Path, m: int) -> tuple[
         if values is not None:
             raise ConfigError(f"{where}: offsets", values, "offsets or identified, not both")
         source = folder / text(f"{where}: identified", top["identified"]) / IDENTIFIED
+        if not source.is_file():
+            allowed = "a folder that rj identify has written, beside the rig's file"
+            raise ConfigError(f"{where}: identified", top["identified"], allowed, f"There is no {source}.")
         content = read_yaml(source)
         values = content.get("offsets") if isinstance(content, Mapping) else None
         if values is None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.generators import Random
 from rj_gym.core.task import Task
 from rollingjoint.checks import as_floats
@@ -78,18 +77,13 @@ class EpisodeBuffer(ABC):
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""
 
+    @abstractmethod
     def get_state(self) -> dict[str, Any]:
         """Everything that later steps depend on, copied: plain values and arrays."""
-        return {name: np.array(array) for name, array in self._kept().items()}
 
+    @abstractmethod
     def set_state(self, state: Any) -> None:
         """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
-        kept = self._kept()
-        arrays = checked_parts(state, tuple(kept))
-        for name, array in kept.items():
-            checked_array(name, arrays[name], array)
-        for name, array in kept.items():
-            array[:] = arrays[name]
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
@@ -98,10 +92,6 @@ class EpisodeBuffer(ABC):
     @abstractmethod
     def renderer(self) -> Any:
         """A renderer of the scenes."""
-
-    @abstractmethod
-    def _kept(self) -> dict[str, NDArray[Any]]:
-        """The arrays (B, ...) that steps go on from, by name."""
 
     @abstractmethod
     def _allowed(self, shape: tuple[int, ...]) -> str:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.columns import ERROR, STATUS, STEP
-from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
+from rj_gym.core.episodes import NO_ROWS, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.design.codesign import TERMS, CoDesignDraws, CoDesignTask, DesignPose, blank_draws
+from rj_gym.design.episodes import DrawnEpisodeBuffer
 from rj_gym.design.render import CASE_COLORS, DesignCanvas
 from rj_gym.rendering import INK, TARGET, Screen
 from rollingjoint.chain.chain import AnyChain
@@ -24,10 +25,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class CoDesignEpisodeBuffer(EpisodeBuffer):
+class CoDesignEpisodeBuffer(DrawnEpisodeBuffer):
     """Room for B episodes of designing and then controlling."""
 
     task: CoDesignTask
+    draws: CoDesignDraws
 
     def __init__(self, task: CoDesignTask, capacity: int, goal: bool = False) -> None:
         super().__init__(task, capacity, goal)
@@ -94,8 +96,7 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         draws = self.task.sample(rngs, fixed)
-        for array, drawn in zip(self.draws, draws, strict=True):
-            array[rows] = drawn
+        self._draw(rows, draws)
         pose = self.task.at_rest(draws.design)
         self.readings[rows] = 0.0
         self.readings[rows, STATUS] = pose.status
@@ -138,7 +139,7 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
 
     def _errors(self, rows: Rows) -> Array:
         """The errors of these lanes, which become readings with their targets, (len(rows),) [mm]."""
-        target = self.task.target(self.readings[rows, STEP] - 1.0, CoDesignDraws(*(part[rows] for part in self.draws)))
+        target = self.task.target(self.readings[rows, STEP] - 1.0, self._drawn(rows))
         miss = np.linalg.norm(target - self.task.part(self.readings[rows], "tip"), axis=-1)
         error: Array = np.minimum(miss, self.task.config.largest_error_mm)
         self._put(rows, target=target, error=error)
@@ -147,9 +148,6 @@ class CoDesignEpisodeBuffer(EpisodeBuffer):
     def _finish(self, rows: Rows, terms: Array) -> None:
         self._errors(rows)
         self._put(rows, terms=terms, reward=terms.sum(-1))
-
-    def _kept(self) -> dict[str, Array]:
-        return {**self.draws._asdict(), "readings": self.readings}
 
     def _allowed(self, shape: tuple[int, ...]) -> str:
         return f"finite numbers in [-1, 1] of shape {shape}, one per dimension of the design, then one per tendon"

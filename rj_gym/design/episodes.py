@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
@@ -21,10 +22,46 @@ from rollingjoint.chain.status import Status
 Array = NDArray[np.float64]
 
 
-class DesignEpisodeBuffer(EpisodeBuffer):
+class DrawnEpisodeBuffer(EpisodeBuffer):
+    """Room for B episodes that go on from what was drawn for them and from their readings.
+
+    Attributes:
+        draws: a named tuple of arrays (B, ...).
+    """
+
+    draws: Any
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied: arrays."""
+        return {name: array.copy() for name, array in self._arrays().items()}
+
+    def set_state(self, state: Any) -> None:
+        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
+        arrays = self._arrays()
+        values = checked_parts(state, tuple(arrays))
+        for name, array in arrays.items():
+            checked_array(name, values[name], array)
+        for name, array in arrays.items():
+            array[:] = values[name]
+
+    def _arrays(self) -> dict[str, Array]:
+        return {**self.draws._asdict(), "readings": self.readings}
+
+    def _drawn(self, rows: Rows) -> Any:
+        """What was drawn for these lanes."""
+        return type(self.draws)(*(array[rows] for array in self.draws))
+
+    def _draw(self, rows: Rows, draws: Any) -> None:
+        """Begin these lanes with what has been drawn for them."""
+        for array, drawn in zip(self.draws, draws, strict=True):
+            array[rows] = drawn
+
+
+class DesignEpisodeBuffer(DrawnEpisodeBuffer):
     """Room for B episodes of the design task."""
 
     task: DesignTask
+    draws: DesignDraws
 
     def __init__(self, task: DesignTask, capacity: int, goal: bool = False) -> None:
         super().__init__(task, capacity, goal)
@@ -42,7 +79,7 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         rows, config = np.delete(np.arange(self.capacity), ended), self.task.config
         before, actions = self.readings[rows], np.clip(self._actions[rows], -1.0, 1.0)
         designs = np.clip(self.designs[rows] + config.action_scale * actions, -1.0, 1.0)
-        judged = self.task.judge(designs, DesignDraws(*(part[rows] for part in self.draws)))
+        judged = self.task.judge(designs, self._drawn(rows))
         terms = reward_terms(config.reward, before[:, ERROR], judged)
         self._enter(rows, before[:, STEP] + 1, designs, judged, terms)
         return self.observe()
@@ -50,8 +87,7 @@ class DesignEpisodeBuffer(EpisodeBuffer):
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         draws = self.task.sample(rngs, fixed)
-        for array, drawn in zip(self.draws, draws, strict=True):
-            array[rows] = drawn
+        self._draw(rows, draws)
         judged = self.task.judge(draws.start_design, draws)
         self._enter(rows, np.zeros(len(rows)), draws.start_design, judged, np.zeros((len(rows), len(TERMS))))
         return draws._asdict(), self.observe()[rows]
@@ -85,9 +121,6 @@ class DesignEpisodeBuffer(EpisodeBuffer):
     def renderer(self) -> Screen[DesignScene]:
         """A renderer of the scenes."""
         return Screen(DesignCanvas(self.task.length))
-
-    def _kept(self) -> dict[str, Array]:
-        return {**self.draws._asdict(), "readings": self.readings}
 
     def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
         """Update the readings of these lanes, in the order of the task's columns."""

@@ -292,9 +292,6 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             truths[:] = ((truths - shift) * factor).clip(*self.task.privileged_bounds())
         return observations
 
-    def _kept(self) -> dict[str, NDArray[Any]]:
-        raise NotImplementedError  # get_state and set_state are its own
-
     def _allowed(self, shape: tuple[int, ...]) -> str:
         if len(shape) == 1:
             return f"{shape[0]} finite numbers in [-1, 1], one per tendon"

@@ -91,6 +91,10 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         feed = self.task.part(self.readings, "feed")
         return self.task.response(self.solution, feed, self.scenes)
 
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied: plain values and arrays."""
+        return {name: np.array(array) for name, array in self._kept().items()}
+
     def set_state(self, state: Any) -> None:
         """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
         if self.solution is None:
@@ -200,6 +204,7 @@ class SurroundingsEpisodeBuffer(EpisodeBuffer):
         self.restart(np.arange(self.capacity), [np.random.default_rng(0)] * self.capacity)
 
     def _kept(self) -> dict[str, Array]:
+        """The arrays (B, ...) that steps go on from, by name."""
         solution, walls = self.solution, self.solution.walls
         names = [entry.name for entry in fields(solution) if entry.name not in _STATIC]
         kept = {f"solution.{name}": getattr(solution, name) for name in names}

@@ -27,6 +27,7 @@ MOST_STEPS = 2_000  # that an identification goes through; longer recordings are
 READINGS = ("motors", "tensions", "tip")
 _NEARLY = 0.95  # of the steps that may be left: thinning looks for no better distance
 _WINDOW = 16  # steps in which the next turning point is looked for first
+LARGEST = 10_000.0  # of any reading [mm, N]
 _AXES = "xyz"
 
 
@@ -52,6 +53,12 @@ class RecordedRun:
         count = len(self.t)
         if count < 2 or not np.isfinite(self.motors).all() or not np.isfinite(self.t).all():
             raise InvalidInput(f"run {self.name}", count, "at least 2 steps with finite times and motor positions")
+        for name, unit in (("motors", "mm"), ("tensions", "N"), ("tips", "mm")):
+            values = getattr(self, name)
+            if (far := np.abs(values) > LARGEST).any():
+                allowed = f"numbers from {-LARGEST:g} to {LARGEST:g} [{unit}]"
+                hint = "Leave out what was not read."
+                raise InvalidInput(f"{name} of run {self.name}", float(values[far][0]), allowed, hint)
         if (np.diff(self.t) <= 0).any():
             raise InvalidInput(
                 f"times of run {self.name}",

@@ -1,10 +1,12 @@
 """Scores and reports from errors that are known."""
 
+import io
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from agents.controllers import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
@@ -123,4 +125,7 @@ def test_pictures_are_drawn_with_and_without_floors():
     assert error_over_time(errors, {12: np.geomspace(1e-6, 1, 20)}).startswith(b"\x89PNG")
     assert error_distribution(errors, None).startswith(b"\x89PNG")
     frames = [np.full((60, 72, 3), value, np.uint8) for value in (0, 100, 200)]
-    assert animation({"one": frames, "two": frames[:2]}).startswith(b"GIF89a")
+    names = {"one": frames, "two": frames[:2], "three": frames}
+    for columns, size in ((None, (308, 117)), (2, (204, 238))):  # three pictures of 100 by 83 + 34, with 4 between
+        made = Image.open(io.BytesIO(animation(names, 100, columns)))
+        assert (made.format, made.size, made.n_frames) == ("GIF", size, 3)

@@ -100,6 +100,9 @@ def test_a_policy_is_trained_on_for_a_recorded_rig(rig, capsys):
         (RIG.replace("[1, -1]", "[1, 1, 1]"), "2 numbers"),
         (RIG + "identified: nowhere\n", "nowhere"),
         (RIG.replace("[1, -1]", "[1, 5]"), "motors.signs = 5"),
+        (RIG.replace("[1, -1]", "[1, 0]"), "motors.signs = [1, 0]: expected 1 for motors"),
+        (RIG + "rate: 5000\n", "rate = 5000: expected a number from 0.1 to 200 [Hz]"),
+        (RIG.replace("radius_mm: 10", "radius_mm: 10, baud: 5"), "motors.baud = 5: expected one of 9600"),
         (RIG.replace("radius_mm: 10", "radius_mm: 10, baud: fast"), "motors.baud = 'fast'"),
     ],
 )
@@ -148,11 +151,15 @@ def test_errors_of_ports_and_of_simulated_arms_name_the_key(rig, capsys):
         (["home", "rig.yaml", "--tension", "nan"], "--tension = nan"),
         (["home", "rig.yaml", "--tension", "300"], "--tension = 300.0: expected a finite number from 0.5 to 25"),
         (["bench", "rig.yaml", "--bend", "nan", "--out", "x.jsonl"], "--bend = nan"),
+        (["bench", "rig.yaml", "--bend", "90", "--out", "x.jsonl"], "--bend = 90.0: expected 0.1 to 40 mm"),
         (["bench", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
         (["drive", "rig.yaml", "--seed", "-1", "--out", "x.jsonl"], "--seed = -1"),
         (["drive", "rig.yaml", "--target", "500", "500", "--out", "x.jsonl"], "the nearest place found is ("),
         (["drive", "rig.yaml", "--target", "nan", "70", "--out", "x.jsonl"], "--target = [nan, 70.0]"),
-        (["drive", "rig.yaml", "--policy", "late_pose", "--out", "x.jsonl"], 'sensing.pose "none"'),
+        (
+            ["drive", "rig.yaml", "--policy", "late_pose", "--out", "x.jsonl"],
+            "--policy = 'late_pose': expected",
+        ),
         (["reboot", "rig.yaml", "--id", "7"], "a motor of the rig: [1, 2]"),
     ],
 )
@@ -177,6 +184,11 @@ def test_a_recording_that_cannot_be_replayed_is_one_line(rig, capsys):
         assert main(["replay", "bare.jsonl", *words]) == 2
         error = capsys.readouterr().err
         assert said in error and error.count("\n") == 1
+    Path("far.jsonl").write_text(
+        header + json.dumps({"t": 0.0, "motors": [90.0, -9e9]}) + "\n" + json.dumps(steps[1]) + "\n"
+    )
+    assert main(["replay", "far.jsonl", *five_link]) == 2
+    assert "motors of run 1 = -9000000000.0: expected numbers from -10000" in capsys.readouterr().err
     tense = [step | {"tensions": [3.0, 3.0]} for step in steps]
     Path("tense.jsonl").write_text(header + "".join(json.dumps(step) + "\n" for step in tense))
     assert main(["replay", "tense.jsonl", *five_link]) == 0 and "tension: rms" in capsys.readouterr().out
