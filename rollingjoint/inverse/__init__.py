@@ -1,13 +1,14 @@
 """Inverse statics: the tendon lengths, or tensions, that bring a mechanism where it should be (docs/inverse.md).
 
 Modules:
+    aims: stiffness of the tip, and its force on walls.
     constrained: least squares under linear inequalities.
     goal: links and where they should be, in the form of the kernels.
     reachable: where the tip can be, and how well it moves, presses and holds there.
     result: results of the functions.
     search: the functions.
     starts: equilibria to start from.
-    steps: a step by solves of the whole model, among walls and with friction.
+    steps: a step by solves of the whole model: among walls, with friction, joint limits and aims.
     warm: a single search from a known equilibrium.
 """
 

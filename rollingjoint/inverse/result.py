@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.solution import stacked
 from rollingjoint.chain.status import codes_of
+from rollingjoint.checks import as_vector
+from rollingjoint.inverse.aims import contact_force_of, stiffness_along
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-_AT_LIMIT = 1e-6  # of a limit, or N: so near a tension is at it
+_AT_LIMIT = 1e-6  # of a limit, or N, or rad: so near a tension, or an angle, is at it
 
 
 class ReachStatus(IntEnum):
@@ -26,6 +30,7 @@ class ReachStatus(IntEnum):
     NOT_CONVERGED = 2
     NO_EQUILIBRIUM = 3
     INVALID_INPUT = 4
+    BEYOND_LIMITS = 5
 
     @property
     def message(self) -> str:
@@ -39,6 +44,7 @@ _MESSAGES = {
     ReachStatus.NOT_CONVERGED: "not converged: the best equilibrium found; try more starts",
     ReachStatus.NO_EQUILIBRIUM: "no stable equilibrium found: are the loads too large for the tension limits?",
     ReachStatus.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, limits out of order",
+    ReachStatus.BEYOND_LIMITS: "no equilibrium found that keeps the joint limits, or the cap on wall forces",
 }
 
 
@@ -62,6 +68,7 @@ class Reach:
         tension_limits: lowest and highest, numbers or (m,) [N].
         from_rest: whether a solver that starts at rest ends here; where not, start it at equilibrium.joint_angles.
         iterations: Gauss-Newton steps of all starts.
+        joint_limits: that were given, (2, n - 1) [rad]; None: the mechanism's.
     """
 
     equilibrium: Any
@@ -71,6 +78,7 @@ class Reach:
     tension_limits: tuple[ArrayLike, ArrayLike]
     from_rest: bool | Mask
     iterations: int | NDArray[np.int64]
+    joint_limits: Array | None = None
 
     @property
     def tensions(self) -> Array:
@@ -99,8 +107,26 @@ class Reach:
 
     @property
     def joints_at_limit(self) -> Mask:
-        """(n - 1,) True for joints at the end of their range."""
-        return ~np.asarray(self.equilibrium.free_joints)
+        """(n - 1,) True for joints at the end of their range, or at a limit that was given, or beyond."""
+        held = ~np.asarray(self.equilibrium.free_joints)
+        if self.joint_limits is None:
+            return held
+        low, high = self.joint_limits
+        return held | (self.joint_angles <= low + _AT_LIMIT) | (self.joint_angles >= high - _AT_LIMIT)
+
+    @property
+    def contact_force(self) -> float:
+        """Sum of the normal forces with which the last link presses on walls, of a single reach [N]."""
+        return contact_force_of(self.equilibrium)
+
+    def tip_stiffness(self, direction: ArrayLike) -> float:
+        """Force per displacement of the tip along a direction, (2 or 3,), of a single reach [N/mm].
+
+        The tip is free to move across it, all lengths are held, and no tendon yields. Infinite where joints at their
+        limits leave it no way to move.
+        """
+        along = as_vector("direction", direction, self.tip.shape[-1], "coordinates")
+        return stiffness_along(self.equilibrium, along / np.linalg.norm(along))
 
     @property
     def ok(self) -> bool | Mask:
@@ -128,7 +154,19 @@ class Reach:
             np.asarray(values)[index].item() for values in (self.distance, self.status, self.from_rest, self.iterations)
         )
         equilibrium, limits = self.equilibrium.row(index), self.tension_limits
-        return Reach(equilibrium, self.lengths[index], distance, ReachStatus(status), limits, rest, count)
+        lengths, status = self.lengths[index], ReachStatus(status)
+        return Reach(equilibrium, lengths, distance, status, limits, rest, count, self.joint_limits)
+
+    def with_rows(self, rows: NDArray[np.int64], others: Sequence[Reach]) -> Reach:
+        """Many, of which those of some rows are replaced by single ones."""
+        if not len(rows):
+            return self
+        equilibria = self.equilibrium.with_rows(rows, stacked([other.equilibrium for other in others]))
+        names = "lengths", "distance", "status", "from_rest", "iterations"
+        arrays: dict[str, Any] = {name: np.array(getattr(self, name)) for name in names}
+        for name, array in arrays.items():
+            array[rows] = [getattr(other, name) for other in others]
+        return replace(self, equilibrium=equilibria, **arrays)
 
     def __repr__(self) -> str:
         codes = codes_of(self.status)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from rollingjoint.chain.chain import AnyChain, check_chain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_choice, as_integer, as_number, as_positive, seen_as_vector
 from rollingjoint.errors import InvalidInput
+from rollingjoint.inverse.aims import Aims
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
 from rollingjoint.inverse.starts import sampled, samples_of
@@ -28,7 +29,14 @@ from rollingjoint.kernels.arrays import LARGEST_INPUT, TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.among import ORIGIN, Around, walls_of
 from rollingjoint.statics.batch import Batch, prescribed
-from rollingjoint.statics.inputs import Start, angles_of, broadcast_limits, start_of, tension_limits_of
+from rollingjoint.statics.inputs import (
+    Start,
+    angles_of,
+    broadcast_limits,
+    joint_limits_of,
+    start_of,
+    tension_limits_of,
+)
 from rollingjoint.threads import run_in_threads
 from rollingjoint.transmission import unstretched_length
 
@@ -58,7 +66,7 @@ _NEAREST = (
 def reach(
     mechanism: AnyChain,
     tip: ArrayLike,
-    loads: Sequence[Load] = (),
+    loads: Sequence[Load] | Array = (),
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
     *,
     inputs: str = "lengths",
@@ -70,6 +78,9 @@ def reach(
     surroundings: Around = None,
     base: ArrayLike = ORIGIN,
     wall_force: float = np.inf,
+    joint_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    stiffness: tuple[ArrayLike, float] | None = None,
+    contact_force: float | None = None,
 ) -> Reach:
     """The tendon lengths, or tensions, that bring the mechanism to a target, or as near as the limits allow.
 
@@ -80,7 +91,7 @@ def reach(
         mechanism: a chain of any class.
         tip: target, in the form in which an equilibrium has it: `tip` (2 or 3,) [mm], the pose `poses[-1]` (3,) or
             (4, 4), the shape `positions` (n, 2 or 3), or all `poses`.
-        loads: external loads.
+        loads: external loads, or their table, (rows, columns).
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
         inputs: "lengths" (elastic tendons, which may hold poses that tensions do not), or "tensions".
         prefer: which of many solutions: "tension", the least tensions (least squares from the lower limit, or 0.1 N);
@@ -92,21 +103,32 @@ def reach(
             in one step from it. None: no friction. It takes the place of starts.
         surroundings, base: walls, and the pose of the base among them, as of solve_lengths; the target is in the frame
             of the base. wall_force: largest normal force of a contact with a wall [N].
+        joint_limits: lowest and highest joint angles, numbers or (n - 1,) [rad], within those of the mechanism.
+        stiffness: a direction, (2 or 3,), and the stiffness that the tip is to have along it [N/mm]; as
+            `Reach.tip_stiffness`. None: any.
+        contact_force: with which the last link is to press on walls, all its normal forces together [N]; the place of
+            the tip counts along the wall alone. None: any.
     Raises:
         InvalidInput: wrong shapes or types, an unknown word, no upper limit with "margins" or "stiffness".
     Source: docs/inverse.md.
     """
     check_chain(mechanism)
-    if history is not None or surroundings is not None:
+    aims, within = Aims.of(mechanism, stiffness, contact_force), joint_limits_of(joint_limits, mechanism)
+    if aims or any(each is not None for each in (history, surroundings, within)):
         if inputs != "lengths":
-            raise InvalidInput("inputs", inputs, "'lengths' beside a history or surroundings")
-        first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}
+            raise InvalidInput(
+                "inputs", inputs, "'lengths' beside a history, surroundings, joint limits or a stiffness"
+            )
+        if contact_force is not None and surroundings is None:
+            raise InvalidInput("contact_force", contact_force, "surroundings beside it")
+        first = {"prefer": prefer, "start": start, "starts": as_integer("starts", starts, 1), "lever": lever}
         each = tension_limits_of(tension_limits, mechanism.n_tendons)
         walls = None if surroundings is None else walls_of(surroundings, mechanism)
         cap = checked_wall_force(wall_force)
-        situation = Situation(mechanism, loads, each, np.zeros(mechanism.n_tendons), cap, walls, base)
-        return _reach_by_solves(situation, tip, history, first)
-    table = mechanism.load_table(loads)
+        rest = np.zeros(mechanism.n_tendons)
+        situation = Situation(mechanism, loads, each, rest, cap, walls, base, within, aims)
+        return _reach_by_solves(situation, tip, history, first, None)
+    table = _table_of(mechanism, loads)
     if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
         limits = broadcast_limits(tension_limits, mechanism.n_tendons)
         target = seen_as_vector("tip", tip, mechanism.dimension, "coordinates")
@@ -117,39 +139,71 @@ def reach(
     goal = Goal.of(mechanism, tip, checked_lever(lever), single=True)
     search = _Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
     angles_of(mechanism, start.equilibrium if isinstance(start, Reach) else start, None)  # as those of one solve
-    return search.run(start, as_integer("starts", starts, 1)).row(0)
+    result = search.run(start, as_integer("starts", starts, 1)).row(0)
+    if result.status is not ReachStatus.NOT_CONVERGED or inputs != "lengths":
+        return result
+    first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}
+    return _reach_by_solves(search.situation(0, None), tip, None, first, result)
 
 
-def _reach_by_solves(situation: Situation, tip: ArrayLike, history: Solution | None, first: dict[str, Any]) -> Reach:
-    """`reach` with a history, or among walls: from it, or from solutions without walls, the nearest result of them."""
+def _reach_by_solves(
+    situation: Situation, tip: ArrayLike, history: Solution | None, first: dict[str, Any], plain: Reach | None
+) -> Reach:
+    """`reach` where every trial is a solve: from a history, or from solutions of plain searches, the best result.
+
+    plain: that of a search without joint limits, walls and aims; None: it is not known.
+    """
     chain, limits = situation.mechanism, (situation.limits[0], situation.limits[1])
     goal = Goal.of(chain, tip, checked_lever(first["lever"]), single=True)
+    if situation.aims.contact_force is not None and goal.links.tolist() != [chain.n_links - 1]:
+        raise InvalidInput("tip", tip, "the tip or its pose, no shape, beside contact_force")
     situation = replace(situation, preferred=np.asarray(preferred_tensions(first["prefer"], *limits)))
+    near = TOLERANCE if situation.surroundings is None and history is None else _BY_SOLVES
     moves: list[Move] = []
     if history is not None:
         if not isinstance(history, Solution):
             raise InvalidInput("history", history, "an equilibrium")
         before = HeldPose(situation, goal, history, np.zeros(chain.n_tendons))
-        moves.append(step_to(replace(before, command=before.held), situation, goal, _BY_SOLVES, jumps=True))
+        moves.append(step_to(replace(before, command=before.held), situation, goal, near, jumps=True))
     else:
-        more = {"prefer": first["prefer"], "lever": first["lever"]}
-        near = [reach(chain, tip, situation.loads, limits, **first)]
-        if first["start"] is None:
-            near += all_solutions(chain, tip, situation.loads, limits, **more)[: first["starts"]]
-        for one in near:
-            at = situation.solve(one.lengths, one.joint_angles, None)
-            moves.append(approach(HeldPose(situation, goal, at, one.lengths), _BY_SOLVES))
-            if moves[-1].reaches(_BY_SOLVES):
+        plain = plain or reach(chain, tip, situation.loads, limits, **first)
+        within = situation.joint_limits
+        asks = situation.aims or situation.surroundings is not None
+        if plain.status is ReachStatus.INVALID_INPUT or not (asks or within is None or not _within(plain, within)):
+            return replace(plain, joint_limits=within)
+        for command, angles in _begins(situation, plain, tip, goal, first):
+            moves.append(approach(HeldPose(situation, goal, situation.solve(command, angles, None), command), near))
+            if moves[-1].reaches(near) and moves[-1].pose.keeps_limits:
                 break
-    best = min(moves, key=lambda move: (not move.ok, move.pose.distance))
+    best = min(moves, key=lambda move: (not move.ok, not move.pose.keeps_limits, move.pose.square))
     at, command = best.pose.equilibrium, best.pose.command
-    status = ReachStatus.REACHED if best.reaches(_BY_SOLVES) else ReachStatus.OUT_OF_REACH
+    status = ReachStatus.REACHED if best.reaches(near) else ReachStatus.OUT_OF_REACH
+    status = status if best.pose.keeps_limits else ReachStatus.BEYOND_LIMITS
     status = status if best.ok else ReachStatus.NO_EQUILIBRIUM
     rest = situation.solve(command, None, history)
-    from_rest = bool(rest.ok) and float(goal.distances(rest)[0]) <= best.pose.distance + _BY_SOLVES
+    from_rest = bool(rest.ok) and float(goal.distances(rest)[0]) <= best.pose.distance + near
     solves = sum(move.solves for move in moves)
     distance = best.pose.distance if best.ok else np.inf
-    return Reach(at, command, distance, status, limits, from_rest, solves)
+    return Reach(at, command, distance, status, limits, from_rest, solves, situation.joint_limits)
+
+
+def _begins(
+    situation: Situation, plain: Reach, tip: ArrayLike, goal: Goal, first: dict[str, Any]
+) -> Iterator[tuple[Array, Array]]:
+    """Lengths and joint angles to begin at: those of plain searches, then of samples within the joint limits."""
+    chain, loads, limits = situation.mechanism, situation.loads, (situation.limits[0], situation.limits[1])
+    yield plain.lengths, plain.joint_angles
+    if first["start"] is not None:
+        return
+    more = {"prefer": first["prefer"], "lever": first["lever"]}
+    for one in all_solutions(chain, tip, loads, limits, **more)[: first["starts"]]:
+        yield one.lengths, one.joint_angles
+    if situation.joint_limits is not None:
+        samples = samples_of(chain, _table_of(chain, loads), *limits)
+        inside = _within(samples, situation.joint_limits)
+        order = np.argsort(np.where(inside, goal.distances(samples), np.inf))[: min(_CLOSE, int(inside.sum()))]
+        lengths = unstretched_length(samples.lengths, samples.tensions, chain.stiffnesses)
+        yield from zip(lengths[order], samples.joint_angles[order], strict=True)
 
 
 def reach_batch(
@@ -163,6 +217,7 @@ def reach_batch(
     start: Start | Reach = None,
     starts: int = STARTS,
     lever: float | None = None,
+    joint_limits: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> Reach:
     """`reach`, row by row.
 
@@ -171,20 +226,34 @@ def reach_batch(
         tips: targets, with a leading axis B.
         loads: shared by all rows, or a table (B, rows, columns).
         start: joint angles (B, n - 1), equilibria or a Reach of B rows.
-        tension_limits, inputs, prefer, starts, lever: as of `reach`.
+        tension_limits, inputs, prefer, starts, lever, joint_limits: as of `reach`. Rows that end beyond the joint
+            limits, or have not converged without a start, go on one by one, in tens of milliseconds.
     Raises:
         InvalidInput: as `reach`, and another number of mechanisms, loads or starts than of targets.
     """
     first = _first(mechanism)
     goal = Goal.of(first, tips, checked_lever(lever), single=False)
     search = _Searches.of(mechanism, goal, loads, tension_limits, inputs, prefer)
-    return search.run(start, as_integer("starts", starts, 1))
+    within, count = joint_limits_of(joint_limits, first), as_integer("starts", starts, 1)
+    if within is not None and inputs != "lengths":
+        raise InvalidInput("inputs", inputs, "'lengths' beside joint limits")
+    many = replace(search.run(start, count), joint_limits=within)
+    goes_on = (many.status == ReachStatus.NOT_CONVERGED) & (start is None and inputs == "lengths")
+    if within is not None:
+        goes_on |= ~_within(many, within) & (many.status != ReachStatus.INVALID_INPUT)
+    rows, targets = np.flatnonzero(goes_on), np.asarray(tips, float)
+    first_try = {"prefer": prefer, "start": None, "starts": count, "lever": lever}
+    others = [
+        _reach_by_solves(search.situation(row, within), targets[row], None, first_try, many.row(row))
+        for row in rows.tolist()
+    ]
+    return many.with_rows(rows, others)
 
 
 def all_solutions(
     mechanism: AnyChain,
     tip: ArrayLike,
-    loads: Sequence[Load] = (),
+    loads: Sequence[Load] | Array = (),
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
     *,
     inputs: str = "lengths",
@@ -204,7 +273,7 @@ def all_solutions(
     """
     check_chain(mechanism)
     count, nearest = as_integer("starts", starts, 1), as_number("apart", apart, 0.0)
-    table = mechanism.load_table(loads)
+    table = _table_of(mechanism, loads)
     goal = Goal.of(mechanism, tip, checked_lever(lever), single=True).take(np.zeros(count, np.int64))
     tables = np.repeat(table[None], count, axis=0)
     search = _Searches.of(mechanism, goal, tables, tension_limits, inputs, prefer)
@@ -218,6 +287,16 @@ def all_solutions(
         if all(np.abs(angles - other.joint_angles).max(initial=0.0) > nearest for other in solutions):
             solutions.append(many.row(int(row)))
     return solutions
+
+
+def _within(result: Any, joint_limits: Array) -> Any:
+    """Whether the joint angles of a result, or of each row, are within limits."""
+    return ((result.joint_angles >= joint_limits[0]) & (result.joint_angles <= joint_limits[1])).all(axis=-1)
+
+
+def _table_of(mechanism: AnyChain, loads: Sequence[Load] | Array) -> Array:
+    """The load table, (rows, columns); rows of batches have theirs already."""
+    return loads if isinstance(loads, np.ndarray) else mechanism.load_table(loads)
 
 
 def _first(mechanism: AnyChain | Sequence[AnyChain]) -> AnyChain:
@@ -268,6 +347,12 @@ class _Searches:
         batch = Batch.of(mechanism, "tensions", np.zeros((len(goal.points), first.n_tendons)))
         preferred = np.asarray(preferred_tensions(prefer, *limits))
         return cls(batch, goal, batch.tables(loads), limits, inputs, preferred)
+
+    def situation(self, row: int, joint_limits: Array | None) -> Situation:
+        """The mechanism, loads and limits of a row, for a search by solves."""
+        every = self.batch.mechanism
+        chain = every[row] if isinstance(every, tuple) else every
+        return Situation(chain, self.tables[row], self.limits, self.preferred, joint_limits=joint_limits)
 
     def run(self, start: Start | Reach, starts: int, ranks: Rows | None = None) -> Reach:
         """The best results of searches from up to `starts` starts each.

@@ -103,14 +103,29 @@ def broadcast_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tup
 
 def tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
     """Minimum and maximum tension of every tendon, (2, m) [N]; InvalidInput for anything else."""
-    lowest_and_highest = np.empty((2, n_tendons))
-    allowed = f"(lowest, highest), numbers or {n_tendons} values each"
+    return _lowest_and_highest("tension_limits", limits, n_tendons)
+
+
+def joint_limits_of(limits: tuple[ArrayLike, ArrayLike] | None, mechanism: AnyChain) -> Array | None:
+    """Lowest and highest angle of every joint, (2, n - 1) [rad], or None; InvalidInput for anything else."""
+    if limits is None:
+        return None
+    low, high = each = _lowest_and_highest("joint_limits", limits, mechanism.n_joints)
+    if not (low <= high).all():
+        raise InvalidInput("joint_limits", limits, "lowest <= highest [rad]")
+    return each
+
+
+def _lowest_and_highest(what: str, limits: tuple[ArrayLike, ArrayLike], count: int) -> Array:
+    """Two numbers, or `count` each, as (2, count)."""
+    lowest_and_highest = np.empty((2, count))
+    allowed = f"(lowest, highest), numbers or {count} values each"
     try:
         for side, values in zip(lowest_and_highest, limits, strict=True):
-            array = as_floats("tension_limits", values, allowed)
-            if array.shape not in ((), (n_tendons,)):
-                raise InvalidInput("tension_limits", limits, allowed)
+            array = as_floats(what, values, allowed)
+            if array.shape not in ((), (count,)):
+                raise InvalidInput(what, limits, allowed)
             side[:] = array
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("tension_limits", limits, allowed) from None
+        raise InvalidInput(what, limits, allowed) from None
     return lowest_and_highest

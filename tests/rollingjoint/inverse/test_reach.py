@@ -175,10 +175,12 @@ def test_each_row_has_its_own_mechanism_and_loads():
 
 
 def test_the_page_prints_what_it_says():
-    (program, expected), *others = examples(PAGE.read_text("utf-8"))
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        exec(program, {})
-    assert printed.getvalue() == expected and not others
+    names, pairs = {}, examples(PAGE.read_text("utf-8"))
+    for program, expected in pairs:
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(program, names)
+        assert printed.getvalue() == expected
+    assert len(pairs) == 2
 
 
 def test_the_command_exits_with_3_where_the_target_is_out_of_reach(capsys):
