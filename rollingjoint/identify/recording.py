@@ -25,9 +25,9 @@ LARGEST_FILE = 2**28  # bytes: 13 hours of two tendons at 20 Hz
 LONGEST_LINE = 100_000  # characters
 MOST_STEPS = 2_000  # that an identification goes through; longer recordings are thinned
 READINGS = ("motors", "tensions", "tip")
+LARGEST = 10_000.0  # of any reading [mm, N]
 _NEARLY = 0.95  # of the steps that may be left: thinning looks for no better distance
 _WINDOW = 16  # steps in which the next turning point is looked for first
-LARGEST = 10_000.0  # of any reading [mm, N]
 _AXES = "xyz"
 
 
