@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rollingjoint import (
     Capsule,
@@ -23,7 +24,6 @@ from rollingjoint import (
     Tube,
     WallFriction,
 )
-from rollingjoint.chain import se3
 from rollingjoint.errors import InvalidInput
 from rollingjoint.surroundings import Wall, walls_through
 from rollingjoint.surroundings.outline import half_width
@@ -115,7 +115,7 @@ class WallScene:
         d = self.surroundings.dimension
         turned = np.zeros(3)
         turned[3 - len(self.base[d:]) :] = self.base[d:]
-        turn = np.asarray(se3.rotation(turned))[:d, :d]
+        turn = np.asarray(Rotation.from_rotvec(turned).as_matrix())[:d, :d]
         return turn, np.array(self.base[:d]) + around.feed * turn[:, -1]
 
     def check_way(self, begin: Around, end: Around, line: Array) -> None:
