@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 EPISODES = "a file or dataset of recorded episodes, or a shipped policy by name; repeatable"
 RECORD = "write one page that plays an episode without a server, and end"
-AROUND = "YAML file with walls around planar chains, to explore; repeatable"
-BASE = "pose of the base among the walls of files [mm, rad] (default 0 0 0)"
+AROUND = "YAML file with walls, to explore the first chain of their kind among them; repeatable"
+BASE = "pose of the base among the walls of files: X Y ANGLE, in space X Y Z and a rotation vector [mm, rad]"
 RECORDING = "of a rig, to --record: its motors through the model, and the tips that were measured"
 IDENTIFIED = "of rj identify, for --recording (default: the mechanism as designed)"
 EXPOSED = "allow addresses that other machines can reach"
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="rj view", description="Mechanisms in a browser.")
     parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
     parser.add_argument("--surroundings", action="append", default=[], metavar="FILE", help=AROUND)
-    parser.add_argument("--base", nargs=3, type=float, default=[0.0] * 3, metavar=("X", "Y", "ANGLE"), help=BASE)
+    parser.add_argument("--base", nargs="+", type=float, default=[0.0] * 3, metavar="NUMBER", help=BASE)
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
     parser.add_argument("--episodes", action="append", default=[], help=EPISODES)
@@ -128,12 +128,15 @@ def _scenes(arguments: argparse.Namespace) -> dict[str, WallScene]:
 
     if any(arguments.base) and not arguments.surroundings:
         raise ConfigError("--base", arguments.base, "--surroundings beside it")
-    x, y, angle = (as_number("--base", value) for value in arguments.base)
+    base = tuple(as_number("--base", value) for value in arguments.base)
     every = {name: load_surroundings(name) for name in arguments.surroundings}
+    chains = [load_mechanism(name) for name in arguments.mechanism]
     for name, around in every.items():
-        if around.dimension == 3:
-            raise ConfigError("--surroundings", name, "walls of the plane", "rj plot draws walls in space.")
-    return {Path(name).stem: WallScene(around, (x, y, angle)) for name, around in every.items()}
+        if chains and all(chain.dimension != around.dimension for chain in chains):
+            raise ConfigError("--surroundings", name, f"walls around {chains[0].title}")
+        if len(base) != 3 and (around.dimension == 2 or len(base) != 6):
+            raise ConfigError("--base", arguments.base, "three numbers, in space three or six")
+    return {Path(name).stem: WallScene(around, base) for name, around in every.items()}
 
 
 def _replay(arguments: argparse.Namespace) -> int:

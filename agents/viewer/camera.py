@@ -36,11 +36,12 @@ def mechanism_view(mechanism: Any) -> View:
     return View(np.array([0.25, 0.0, 0.48]) * length, np.array([0.6, 2.9, -0.9]) * length, (0.0, 0.0, -1.0))
 
 
-def among_walls_view(mechanism: Any, base: tuple[float, float, float]) -> View:
-    """A chain and the walls around it and ahead of it, left of the panel; base: its pose among them."""
-    view, (x, y, angle) = mechanism_view(mechanism), base
-    ahead = np.array([-np.sin(angle), np.cos(angle), 0.0])
-    return View(view.at * (1.2, 0.0, 1.0) + [x, y, 0.0] + 1.2 * mechanism.length * ahead, 1.8 * view.away, view.up)
+def among_walls_view(mechanism: Any, turn: Array, origin: Array) -> View:
+    """A chain and the walls around it and ahead of it, left of the panel; turn, origin: of its base among them."""
+    view, d = mechanism_view(mechanism), len(origin)
+    place, ahead = (np.pad(vector, (0, 3 - d)) for vector in (origin, turn[:, -1]))
+    aside = view.at * (1.2, *(0.0 if axis == d - 1 else 1.0 for axis in (1, 2)))
+    return View(aside + place + 1.2 * mechanism.length * ahead, 1.8 * view.away, view.up)
 
 
 def episode_view(scene: TrackingScene) -> View:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from agents.viewer.around import NO_WALLS, Around, WallScene, scenes
+from agents.viewer.solids import DEPTH, grid_solid, slab
 from rollingjoint import (
     PRESETS,
     CapstanFriction,
@@ -29,10 +30,13 @@ from rollingjoint import (
     solve_tensions,
     solve_tensions_batch,
 )
+from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
-from rollingjoint.plotting.walls import in_world, places_and_forces
-from rollingjoint.surroundings import Strip, wall_strips
+from rollingjoint.plotting.walls import in_world
+from rollingjoint.plotting.walls_in_space import in_world as in_world_in_space
+from rollingjoint.plotting.walls_in_space import wall_surfaces
+from rollingjoint.surroundings import wall_strips
 from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
@@ -56,7 +60,7 @@ class Inputs:
         link: the force acts on its origin. force: in the base frame, (2,) or (3,) [N].
         friction: coefficient in all holes. curvatures: factors of the curvature of the contact surfaces,
             below and above joint 0 first, (2 J,); none for arms.
-        around: the walls around a planar chain.
+        around: the walls around the chain.
     """
 
     drive: str
@@ -80,7 +84,7 @@ class Explorer:
     def __init__(self, mechanism: Any, name: str = "", files: Mapping[str, WallScene] | None = None) -> None:
         self.nominal, self.name = mechanism, name or mechanism.name or "mechanism"
         self.flat, self.in_space = isinstance(mechanism, RollingChain), isinstance(mechanism, SpatialChain)
-        self.scenes = scenes(mechanism, files) if self.flat else {}
+        self.scenes = scenes(mechanism, files)
         self.jumped = False  # in the last change
         self.inputs = self._neutral()
         self.mechanism = mechanism
@@ -97,7 +101,8 @@ class Explorer:
         """Set inputs and find the equilibrium; walls and base get there in steps.
 
         Raises:
-            MechanismError: there is no such chain. InvalidInput: there are no such walls. The state is unchanged.
+            MechanismError: there is no such chain. InvalidInput: there are no such walls, or one would pass through the
+                chain on its way. The state is unchanged.
         """
         inputs = replace(self.inputs, **(self._held(changes.get("drive")) | changes))
         before, after = self.inputs.around, inputs.around
@@ -107,10 +112,18 @@ class Explorer:
         if (inputs.friction, inputs.curvatures) != (self.inputs.friction, self.inputs.curvatures):
             self.mechanism = self._built(inputs)
             self.usable = None  # another mechanism has no history
-        count = scene.steps(before, after) if scene is not None and before.walls == after.walls else 1
+        moves = scene if before.walls == after.walls else None
+        count = 1 if moves is None else moves.steps(before, after)
+        kept = self.inputs, self.found, self.usable, self.jumped
         self.jumped = False
         for step in range(1, count + 1):
             way = after if step == count else before.on_the_way(after, step / count)
+            try:
+                if moves is not None:
+                    moves.check_way(self.inputs.around, way, self.places)
+            except InvalidInput:
+                self.inputs, self.found, self.usable, self.jumped = kept
+                raise
             self.inputs = replace(inputs, around=way)
             self.solve(begin=before.walls != after.walls)
 
@@ -145,38 +158,47 @@ class Explorer:
 
     def in_world(self, points: Array, turned_only: bool = False) -> Array:
         """Points in the frame of the base, or vectors there, (..., d), in the frame of the walls."""
-        if self.scene is None or not self.flat:
+        if self.scene is None:
             return points
-        x, y, angle = self.scene.base_at(self.inputs.around)
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return np.asarray(points) @ turn.T + (0.0 if turned_only else np.array([x, y]))
+        turn, origin = self.scene.frame_at(self.inputs.around)
+        return np.asarray(points) @ turn.T + (0.0 if turned_only else origin)
 
     def in_base(self, vector: Array) -> Array:
         """A vector (2,) or (3,) in the frame of the walls, in the frame of the base."""
-        if self.scene is None or not self.flat:
-            return vector
-        return np.asarray(vector @ self.in_world(np.eye(2), turned_only=True).T)
+        return vector if self.scene is None else np.asarray(vector @ self.in_world(np.eye(len(vector)), True).T)
 
     def poses(self, equilibrium: Any) -> Array:
         """The poses of the links among the walls, where the equilibrium has the base."""
         if equilibrium.walls is None:
             return np.asarray(equilibrium.poses)
-        return np.asarray(in_world(equilibrium).poses)
+        return np.asarray((in_world if self.flat else in_world_in_space)(equilibrium).poses)
 
     @property
-    def wall_strips(self) -> list[Strip]:
-        """The shapes of the walls among which the mechanism is [mm]."""
+    def places(self) -> Array:
+        """Origins of the links of the last usable equilibrium among the walls, (n, 2 or 3) [mm]."""
+        poses = self.poses(self.found if self.usable is None else self.usable)
+        return poses[:, :2] if self.flat else poses[:, :3, 3]
+
+    @property
+    def wall_solids(self) -> list[tuple[Array, NDArray[np.uint32]]]:
+        """Vertices [mm] and faces of the walls among which the mechanism is: as deep as planar links, or surfaces."""
         if self.found.walls is None:
             return []
-        return list(wall_strips(self.found.walls.walls, int(self.found.walls.which), self.poses(self.found)[:, :2]))
+        walls, which = self.found.walls.walls, int(self.found.walls.which)
+        if not self.flat:
+            return [grid_solid(grid) for grid in wall_surfaces(walls, which, self.places)]
+        depth = DEPTH * float(self.mechanism.length)
+        return [slab(*strip, depth) for strip in wall_strips(walls, which, self.places)]
 
     @property
     def wall_arrows(self) -> list[tuple[Array, Array, bool]]:
         """Place, force on the link and whether it sticks, of every contact with a wall [mm, N]."""
         if self.found.walls is None or not self.found.ok:
             return []
-        touches = zip(*places_and_forces(self.found), self.found.wall_contacts, strict=True)
-        return [(place, force, touch.sticks) for place, force, touch in touches]
+        return [
+            (self.in_world(touch.place), self.in_world(touch.force_on_link, turned_only=True), touch.sticks)
+            for touch in self.found.wall_contacts
+        ]
 
     @property
     def wall_line(self) -> str:
@@ -267,7 +289,8 @@ class Explorer:
         begins = self.found.contact_points[:, None] + reach[..., None] * frames[..., 2, :]
         axial = np.broadcast_to(0.5 * self.found.reactions[:, None, 2:3], (*reach.shape, 1))
         forces = (np.concatenate([ends, axial], axis=-1)[..., None, :] @ frames)[..., 0, :]
-        return np.stack([begins, forces], axis=-2)[np.isfinite(reach)]
+        arrows = self.in_world(begins), self.in_world(forces, turned_only=True)
+        return np.stack(arrows, axis=-2)[np.isfinite(reach)]
 
     @property
     def compliance(self) -> Array:

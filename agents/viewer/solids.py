@@ -128,6 +128,14 @@ def slab(first: Array, second: Array, depth: float) -> tuple[Array, NDArray[np.u
     return _sharp(vertices, faces)
 
 
+def grid_solid(grid: Array) -> tuple[Array, NDArray[np.uint32]]:
+    """The surface through a grid of points, (k, l, 3)."""
+    rows, columns = grid.shape[:2]
+    k = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    faces = np.concatenate([np.stack([k, k + columns, k + 1], 1), np.stack([k + 1, k + columns, k + columns + 1], 1)])
+    return grid.reshape(-1, 3), faces.astype(np.uint32)
+
+
 def _tubes(chain: HingeChain) -> list[Shape]:
     """Tubes from hole to hole, on a plate that ends where the arm begins."""
     radius, plate = 0.97 * chain.hole_radius, 0.02 * chain.length

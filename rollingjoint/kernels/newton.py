@@ -1,7 +1,9 @@
 """Globalised Newton solve of the bound-constrained statics problem.
 
 Conservative loads: minimise the energy V over the joint angles by projected Newton steps with a line search on V; leave
-saddles along negative curvature. Follower loads: Newton on r = 0 with a line search on |r|.
+saddles along negative curvature. Follower loads: Newton on r = 0 with a line search on |r|. So does friction at walls
+in space, and on |H⁻¹ r|, Newton's next correction, where that takes long: a stiff wall and weak springs make |r| a
+narrow valley, and around a round end it is bent.
 The unknowns are the joint angles, where H is symmetric; a contact at the end of its surface is a bound on its angle.
 """
 
@@ -34,6 +36,7 @@ from rollingjoint.kernels.formulas import (
     overshoots,
     reconsider,
     renew,
+    rubs_at_walls,
     shorten,
     stiffness,
 )
@@ -49,6 +52,7 @@ _STAGED_ITERATIONS = 1000  # with 300 joints, in all the stages of a load that g
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _ROUNDING_OF_LENGTH = 4e-16  # relative
 _MAX_HALVINGS = 40
+_PATIENCE = 40  # iterations by |r| among walls that rub
 
 
 @part
@@ -103,22 +107,35 @@ def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L
 
 
 @part
-def _line_search(chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work):
+def _squared(H, natural, free, residual, correction):
+    """|r|² on the free joints, or |H⁻¹ r|² for a natural merit; inf where H is singular."""
+    if natural and not lu_step(H, free, residual, correction):
+        return np.inf
+    squared = 0.0
+    for i in range(free.size):
+        if free[i]:
+            squared += correction[i] ** 2 if natural else residual[i] ** 2
+    return squared
+
+
+@part
+def _line_search(
+    chain, law, loads, prox, anchor, conservative, natural, H, step, state, free, energy, magnitude, worst, work
+):
     """Halve the step until the merit falls.
 
     Returns (moved, energy, magnitude, scale, worst free |r|); the state is at the new configuration, or restored.
-    work is scratch space, two arrays (J,).
+    natural: whether the merit is `_squared` with this H. work is scratch space, three arrays (J,).
     """
     angle = state.angle
     n = angle.size
-    phi, residual = work[0], work[1]
+    phi, residual, correction = work[0], work[1], work[2]
     proximal_residual(state, prox, anchor, residual)
-    squared = 0.0
+    squared, step_squared, t = _squared(H, natural, free, residual, correction), 0.0, 1.0
     for i in range(n):
         phi[i] = angle[i]
-        if free[i]:
-            squared += residual[i] ** 2
-    t = 1.0
+        step_squared += step[i] ** 2
+    least_fall = 0.5 * min(1.0, np.sqrt(step_squared / squared)) if natural and squared > 0.0 else 1e-4
     for attempt in range(_MAX_HALVINGS + 1):
         restored = attempt == _MAX_HALVINGS
         move(chain, phi, step, 0.0 if restored else t, angle)
@@ -135,11 +152,8 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
             accept = fall > noise and fall >= -1e-4 * slope and not overshoots(chain, slope, new_slope)
             accept = accept or (fall >= -noise and new_worst < worst)
         else:
-            new_squared = 0.0
-            for i in range(n):
-                if free[i]:
-                    new_squared += (state.residual[i] + prox * (state.angle[i] - anchor[i])) ** 2
-            accept = new_squared <= (1.0 - 1e-4 * t) * squared
+            proximal_residual(state, prox, anchor, residual)
+            accept = _squared(H, natural, free, residual, correction) <= (1.0 - least_fall * t) * squared
         if accept or restored:
             break
         t *= 0.5
@@ -236,7 +250,7 @@ def minimise(chain, law, loads, conservative, most_escapes, max_iterations, prox
         H,
         sweep,
         np.empty(H.shape),
-        np.empty((4, n)),
+        np.empty((5, n)),
         np.empty(n, np.bool_),
     )
 
@@ -247,13 +261,13 @@ def _minimise(
 ):
     """minimise with its scratch space."""
     H, sweep, L, vectors, free = borrow(H), borrow(sweep), borrow(L), borrow(vectors), borrow(free)
-    residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
+    residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3], vectors[4])
     n = state.angle.size
     long = sweep.diagonal.size > 0
     energy, magnitude, scale = evaluate(chain, law, loads, state)
     energy, magnitude = renew(chain, state, energy + proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
-    damping, escapes, stalled = 0.0, 0, False
+    damping, escapes, stalled, natural = 0.0, 0, False, False
     for iteration in range(max_iterations):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:
@@ -278,9 +292,10 @@ def _minimise(
             return NOT_CONVERGED, iteration, worst
         else:
             proximal_residual(state, prox, anchor, residual)
-            newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
+            natural = not conservative and iteration >= _PATIENCE and rubs_at_walls(chain)
+            newton_step(chain, state, H, sweep, conservative, 0.0 if natural else damping, free, residual, L, step)
         moved, energy, magnitude, scale, worst = _line_search(
-            chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work
+            chain, law, loads, prox, anchor, conservative, natural, H, step, state, free, energy, magnitude, worst, work
         )
         energy, magnitude = renew(chain, state, energy, magnitude)
         if moved:

@@ -239,6 +239,12 @@ def shorten(chain, state, step, is_newtons):
     return formulas.shorten(chain.chain, state, step, is_newtons)
 
 
+@formula(formulas.rubs_at_walls, Rubbed)
+def rubs_at_walls(chain):
+    """Whether any wall in space rubs in this solve."""
+    return formulas.rubs_at_walls(chain.chain)
+
+
 @formula(formulas.overshoots, Rubbed)
 def overshoots(chain, slope, new_slope):
     """Whether a step ends too far beyond the minimum along it."""
@@ -407,8 +413,9 @@ def _settle_rubbed(
             how = friction_chain, law, loads, conservative, most_escapes, MAX_ITERATIONS
             status, iterations, worst = minimise(*how, 0.0, start, state, own.H, own.sweep)
             count += iterations
-    if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
-        how = rubbed(chain, before, memory, dense, True), conservative, most_escapes, MAX_ITERATIONS, True
+    follows = conservative or formulas.rubs_at_walls(chain)  # where a contact at a round end is lost, a chain snaps off
+    if status == NOT_CONVERGED and follows and most_descent_steps(start.size) > 0:
+        how = rubbed(chain, before, memory, dense, conservative), conservative, most_escapes, MAX_ITERATIONS, True
         status, iterations, worst = settle(*how, law, loads, start, state, dense.H, dense.sweep)
         count += iterations
     return status, count, worst

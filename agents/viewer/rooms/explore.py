@@ -17,7 +17,7 @@ from agents.viewer.choice import ButtonRow
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
 from agents.viewer.html import code_block, html_table
 from agents.viewer.rooms.messages import Messages
-from agents.viewer.solids import DEPTH, Array, front, in_space, slab, strands
+from agents.viewer.solids import Array, front, in_space, strands
 from agents.viewer.stage import FAINT, add_grid
 from rj_gym.rendering import FAINT as GREY
 from rj_gym.rendering import LINK, LOAD, Color
@@ -51,7 +51,7 @@ class Explore:
 
     Args:
         client: the browser. mechanisms: names of presets and mechanism files; the first is shown at once.
-        scenes: surroundings of files, by name; the first is around a planar chain at once.
+        scenes: surroundings of files, by name; the first for chains of its kind is around a chain at once.
     """
 
     name: ClassVar[str] = "Explore"
@@ -117,8 +117,9 @@ class Explore:
             look(self.client, mechanism_view(self.explorer.mechanism))
             self._fill()
             self.show()
-        if self.explorer.flat and self.scenes:
-            self.surround(next(iter(self.scenes)))
+        first = next(iter(self.explorer.scenes))
+        if first in self.scenes:
+            self.surround(first)
 
     def change(self, **changes: Any) -> None:
         """Set inputs; errors are shown, and the widgets stay as they are."""
@@ -188,8 +189,10 @@ class Explore:
         self.change(around=Around() if scene is None else scene.begun(name))
         with self._lock:
             self._wall_widgets()
-            mechanism, base = self.explorer.mechanism, None if scene is None else scene.base
-            look(self.client, mechanism_view(mechanism) if base is None else among_walls_view(mechanism, base))
+            view = mechanism_view(self.explorer.mechanism)
+            if scene is not None:
+                view = among_walls_view(self.explorer.mechanism, *scene.frame_at(scene.begun(name)))
+            look(self.client, view)
 
     def drag_obstacle(self, number: int, place: Array) -> None:
         """Move an obstacle to where its cross is dragged."""
@@ -197,9 +200,8 @@ class Explore:
             around, scene = self.explorer.inputs.around, self.explorer.scene
             if scene is None or number >= len(around.moved):
                 return
-            moved = list(around.moved)
-            x, y = np.asarray(place)[:2] - scene.places(scene.begun(around.walls))[number]
-            moved[number] = (float(x), float(y))
+            moved, begun = list(around.moved), scene.places(scene.begun(around.walls))[number]
+            moved[number] = tuple((np.asarray(place, float)[: len(begun)] - begun).tolist())
             self.change(around=replace(around, moved=tuple(moved)))
 
     def _set_walls(self, **numbers: Any) -> None:
@@ -229,7 +231,6 @@ class Explore:
             self.around = self.gui.add_dropdown("Around the chain", names)
             self.contacts = self.gui.add_html("", visible=False, order=1e6)  # below the sliders
         self.around.on_update(lambda _: self._chosen_walls())
-        self.walls.visible = self.explorer.flat
         explorer, size = self.explorer, len(self.explorer.inputs.force)
         with self.load:
             last = explorer.mechanism.n_links - 1
@@ -302,7 +303,8 @@ class Explore:
         """A cross by which an obstacle is dragged."""
         cross = self.client.scene.add_transform_controls(
             f"/obstacle/{number}", scale=0.15 * self.explorer.mechanism.length, disable_rotations=True,
-            active_axes=(True, True, False), depth_test=False, position=in_space(place, self._height),
+            active_axes=(True, True, not self.explorer.flat), depth_test=False,
+            position=in_space(place, self._height),
         )  # fmt: skip
         cross.on_update(lambda _: self.drag_obstacle(number, cross.position))
         return cross
@@ -311,12 +313,11 @@ class Explore:
         """Draw the walls."""
         for part in self._shapes:
             part.remove()
-        depth, scene = DEPTH * self.explorer.mechanism.length, self.client.scene
-        shapes = [slab(*strip, depth) for strip in self.explorer.wall_strips]
-        self._shapes = [
-            scene.add_mesh_simple(f"/walls/{k}", vertices, faces, color=WALL, opacity=0.6, flat_shading=True)
-            for k, (vertices, faces) in enumerate(shapes)
-        ]
+        flat, scene = self.explorer.flat, self.client.scene
+        how: Any = {"color": WALL, "opacity": 0.6 if flat else 0.3, "flat_shading": flat}
+        how |= {"side": "front" if flat else "double"}
+        solids = self.explorer.wall_solids
+        self._shapes = [scene.add_mesh_simple(f"/walls/{k}", *solid, **how) for k, solid in enumerate(solids)]
 
     def _forget_walls(self) -> None:
         for part in self._of_walls:

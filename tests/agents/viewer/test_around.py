@@ -16,13 +16,15 @@ from rollingjoint import (
     HalfPlane,
     InvalidInput,
     Lumen,
+    Plane,
     Polygon,
     Sleeve,
     Status,
     Surroundings,
     solve_tensions,
 )
-from rollingjoint.chain.presets import two_segment
+from rollingjoint.chain import se3
+from rollingjoint.chain.presets import small_arm, two_segment
 from tests.agents.viewer.conftest import until
 
 TURNED = (3.0, -4.0, -0.5 * math.pi)
@@ -144,8 +146,67 @@ def test_the_program_solves_the_same_among_walls(drive, capsys):
     assert capsys.readouterr().out.startswith("stable equilibrium [")
 
 
-def test_arms_have_no_walls():
-    assert Explorer.preset("small_arm").scenes == {}
+def test_a_wall_that_is_dragged_through_the_chain_is_refused():
+    rigid = Surroundings([Capsule((-60.0, 55.0), (-30.0, 55.0), 1.0, stiffness=1e-3)], Sleeve(0.1))
+    explorer = explorer_in("mine", WallScene(rigid))
+    before = explorer.inputs, explorer.found
+    with pytest.raises(InvalidInput, match=r"a way around the chain\. Capsule 0 would pass through it"):
+        set_walls(explorer, moved=((90.0, 0.0),))
+    assert (explorer.inputs, explorer.found) == before
+    set_walls(explorer, moved=((20.0, 0.0),))
+    assert explorer.inputs.around.moved == ((20.0, 0.0),) and explorer.found.ok
+
+
+ARM_BASE = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+
+
+def arm_in(name, scene=None):
+    explorer = Explorer(small_arm(), "small_arm", {} if scene is None else {name: scene})
+    explorer.change(around=explorer.scenes[name].begun(name))
+    return explorer
+
+
+def test_an_arm_is_pushed_into_a_tube_that_is_bent():
+    explorer = arm_in("a lumen")
+    set_walls(explorer, feed=100.0)
+    assert len(explorer.wall_table) > 0 and explorer.wall_table[0][1] == "tube 0"
+    assert explorer.places[0] == pytest.approx((0.0, 0.0, 100.0))
+    ((vertices, faces),) = explorer.wall_solids
+    assert vertices.shape[1] == 3 and faces.max() == len(vertices) - 1
+    assert np.hypot(*vertices[:5, :2].T) == pytest.approx(1.35 * 15.0)  # around the straight end of the tube
+    set_walls(explorer, bend=0.5)
+    assert explorer.found.ok and f"{explorer.found.insertion_force:.2f} N push the base" in explorer.wall_line
+
+
+def test_a_turned_base_in_space_turns_poses_and_forces():
+    scene = WallScene(Surroundings([Plane((0, 0, -1), -80.0, stiffness=5.0)], Sleeve(15.0)), ARM_BASE)
+    explorer = arm_in("mine", scene)
+    set_walls(explorer, feed=8.0)
+    explorer.change(force=(0.1, 0.2, 0.0))
+    found, turn = explorer.found, se3.rotation(ARM_BASE[3:])
+    np.testing.assert_allclose(found.base_among_walls, [*(np.array(ARM_BASE[:3]) + 8.0 * turn[:, 2]), *ARM_BASE[3:]])
+    np.testing.assert_allclose(explorer.places[-1], turn @ found.tip + found.base_among_walls[:3], atol=1e-12)
+    place, force, _ = explorer.wall_arrows[0]
+    assert abs(place[2] - 80.0) < 1.0 and force == pytest.approx((0.0, 0.0, -np.linalg.norm(force)))
+    np.testing.assert_allclose(
+        explorer.in_base(explorer.in_world(np.eye(3)[0], turned_only=True)), np.eye(3)[0], atol=1e-12
+    )
+
+
+def test_a_sphere_is_moved_and_the_program_solves_the_same():
+    explorer = arm_in("an obstacle")
+    start = explorer.scene.places(explorer.inputs.around)[0]
+    set_walls(explorer, moved=((-5.0, 0.0, 0.0),))
+    assert explorer.scene.places(explorer.inputs.around)[0] == pytest.approx(start - [5.0, 0.0, 0.0])
+    names = {}
+    exec(explorer.python, names)
+    assert names["found"].tip == pytest.approx(explorer.found.tip, abs=1e-6)
+
+
+def test_scenes_of_files_are_around_chains_of_their_kind():
+    flat = WallScene(Surroundings([HalfPlane((1, 0), -80)]))
+    assert "mine" in Explorer(two_segment(), files={"mine": flat}).scenes
+    assert "mine" not in Explorer(small_arm(), files={"mine": flat}).scenes
 
 
 def test_a_base_without_surroundings_is_refused(capsys):

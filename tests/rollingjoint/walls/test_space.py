@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 import rollingjoint as rj
+from benchmarks.walls_in_space import walk
 from rollingjoint.chain import se3
 from rollingjoint.surroundings import walls_through
 from tests.attack.around_space import Recomputed, frame_of
@@ -338,6 +339,13 @@ def test_forces_of_contacts_add_up_to_those_on_links():
         assert np.linalg.norm(along) == pytest.approx(touch.friction, abs=0.02 * touch.force)
     np.testing.assert_allclose(total, equilibrium.wall_forces, atol=1e-9)
     assert equilibrium.insertion_force == pytest.approx(-total[:, 2].sum())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "seed"), [("capsule", 5), ("capsule", 12), ("sphere", 17)])
+def test_links_that_graze_a_round_end_with_friction_arrive(scene, seed):
+    statuses, touching = walk("pitch_yaw", scene, 10.0, 0.3, seed)
+    assert set(statuses) == {"CONVERGED"} and touching
 
 
 def test_walls_of_the_wrong_dimension_are_refused():
