@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -31,11 +32,12 @@ from agents.controllers.among_walls import (
     Still,
     WallController,
 )
+from agents.controllers.fitted_wall import FittedWall
 
 FIRST_SEED = 9_100_000
 TUNING_SEED = 6_000_000  # of the episodes on which gains are chosen, which no table uses
 
-Make = Callable[..., WallController]
+Make = Callable[..., WallController | FittedWall]
 
 CONTROLLERS: dict[str, Make] = {
     "do nothing": Still,
@@ -44,12 +46,13 @@ CONTROLLERS: dict[str, Make] = {
     "feedback, contact*": partial(Feedback, aware=True),
     "plan around": PlanAround,
     "follow the leader*": FollowTheLeader,
+    "fitted wall": FittedWall,
     "seek the force*": SeekForce,
     "searched way*": SearchedWay,
 }
 UNFIT = {
-    "Lumen": ("plan around", "seek the force*", "searched way*"),
-    "Obstacles": ("follow the leader*", "seek the force*"),
+    "Lumen": ("plan around", "fitted wall", "seek the force*", "searched way*"),
+    "Obstacles": ("follow the leader*", "fitted wall", "seek the force*"),
     "HiddenWall": ("plan around", "follow the leader*"),
 }
 
@@ -60,6 +63,7 @@ GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
     "feedback, contact*": _FEEDBACK,
     "plan around": {"fast": (0.7, 1.0), "caution": (3.0, 10.0)},
     "follow the leader*": {"rate": (1.8, 2.0, 2.2), "gain": (0.4, 0.6), "relax": (0.5, 0.8)},
+    "fitted wall": {"near": (0.5, 1.5, 3.0), "caution": (1.0, 2.0)},
     "seek the force*": {"gain": (0.2, 0.4, 0.8), "near": (0.3, 1.0, 2.0)},
 }
 """Gains that --tune tries, in all combinations."""
@@ -90,6 +94,8 @@ NOISE = {"position_mm": 0.5, "angle": 0.01, "tension": 0.1, "force": 0.1}
 class Policy:
     """A trained policy, which sees observations alone."""
 
+    reads_environment = False
+
     def __init__(self, name: str) -> None:
         from agents.shipped import load_policy
 
@@ -99,17 +105,24 @@ class Policy:
         """Begin episodes."""
         self.policy.reset(envs.num_envs)
 
+    def act(self, observations: Any) -> Any:
+        """The actions, (B, m)."""
+        return self.policy(observations)
 
-Player = WallController | Policy
+
+Player = WallController | FittedWall | Policy
 
 
 def actions_of(player: Player, envs: Any, observations: Any) -> Any:
     """The actions of all lanes, (B, m)."""
-    return player.policy(observations) if isinstance(player, Policy) else player.act(envs.unwrapped)
+    return player.act(envs.unwrapped if player.reads_environment else observations)
 
 
 class Outcome(NamedTuple):
-    """What became of E episodes, (E,) each; early: those that a step without a usable pose ended."""
+    """What became of E episodes, (E,) each; early: those that a step without a usable pose ended.
+
+    seconds: processor time of an action, on average.
+    """
 
     error: Any
     peak: Any
@@ -117,6 +130,7 @@ class Outcome(NamedTuple):
     success: Any
     returns: Any
     early: Any
+    seconds: float
 
 
 class Beginning:
@@ -142,8 +156,11 @@ def outcome(beginning: Beginning, player: Player) -> Outcome:
     returns, early = np.zeros(episodes), np.zeros(episodes, bool)
     running = np.ones(episodes, bool)
     final = {key: np.array(infos[key]) for key in ("error_mm", "peak_wall_force", "success", "path_ratio")}
-    for _ in range(envs.config.episode_steps):
+    steps, seconds = envs.config.episode_steps, 0.0
+    for _ in range(steps):
+        begun = time.process_time()
         actions = actions_of(player, envs, observations)
+        seconds += time.process_time() - begun
         observations, rewards, terminated, truncated, infos = envs.step(np.where(running[:, None], actions, 0.0))
         returns += running * rewards
         for key, values in final.items():
@@ -153,17 +170,18 @@ def outcome(beginning: Beginning, player: Player) -> Outcome:
         if terminated.any() and running.any():  # a lane that has ended begins again, and does not count
             observations, _ = envs.reset(options={"reset_mask": terminated})
     names = ("error_mm", "peak_wall_force", "path_ratio", "success")
-    return Outcome(*(final[name] for name in names), returns, early)
+    return Outcome(*(final[name] for name in names), returns, early, seconds / (steps * episodes))
 
 
-def row(name: str, beginning: Beginning, player: Player) -> str:
-    """The row of a controller or policy in the table."""
-    error, peak, ratio, success, returns, early = outcome(beginning, player)
+def row(name: str, beginning: Beginning, player: Player, timed: bool = False) -> str:
+    """The row of a controller or policy in the table; timed: with the processor time of an action."""
+    error, peak, ratio, success, returns, early, seconds = outcome(beginning, player)
     limit = beginning.envs.config.success_mm
     return (
         f"| {name} | {error.mean():.1f}, {np.median(error):.1f} | {100 * np.mean(error <= limit):.0f} % "
         f"| {peak.mean():.2f}, {np.percentile(peak, 95):.2f} | {100 * ratio.mean():.0f} % "
         f"| {100 * success.mean():.0f} % | {returns.mean():.1f} | {early.sum()} |"
+        + (f" {1e6 * seconds:.0f} |" if timed else "")
     )
 
 
@@ -209,6 +227,7 @@ def main() -> None:
     parser.add_argument("--noise", action="store_true", help="sensors with errors, which controllers do not have")
     parser.add_argument("--blind", action="store_true", help="no pose of any link is observed")
     parser.add_argument("--tune", action="store_true", help="try gains in other episodes, seeds 6,000,000 and up")
+    parser.add_argument("--time", action="store_true", help="also the processor time of an action, all side by side")
     parser.add_argument("--film", type=Path, help="write an animation of the first episode of the last controller")
     parser.add_argument("--picture", type=Path, help="write a picture of its last step")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
@@ -233,10 +252,11 @@ def main() -> None:
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
         print(
             "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
+            + (" µs |" if given.time else "")
         )
-        print("|---|--:|--:|--:|--:|--:|--:|--:|")
+        print("|---|" + (8 if given.time else 7) * "--:|")
         for name, make in every.items():
-            print(row(name, beginning, make()), flush=True)
+            print(row(name, beginning, make(), given.time), flush=True)
     if given.film or given.picture:
         frames = film(env_id, list(every.values())[-1](), settings, given.seed)
         _save(frames, given.film, given.picture)

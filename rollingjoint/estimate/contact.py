@@ -12,11 +12,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.checks import as_integer
+from rollingjoint.checks import as_floats, as_integer
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate.arrays import Track
 from rollingjoint.estimate.hidden import HiddenRanges
@@ -34,6 +34,7 @@ from rollingjoint.estimate.wall import (
 )
 from rollingjoint.kernels.walled_solve import WallArrays
 from rollingjoint.surroundings import Outline
+from rollingjoint.transmission import play_step
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -294,6 +295,29 @@ class ContactSmoother(RigEstimator):
         """How the wall presses in the sampled states now, arrays with leading axes (N, S)."""
         each = (self.around.touching(equilibria) for equilibria in self._equilibria)
         return Touching(*(np.stack(parts) for parts in zip(*each, strict=True)))
+
+    def touching_at(self, positions: ArrayLike) -> Touching:
+        """How the wall would press in the sampled states if motors went from here to other positions.
+
+        Args:
+            positions: K of them, as commanded lengths, (K, m) or (N, K, m) [mm].
+        Returns:
+            Arrays with leading axes (K, S) or (N, K, S).
+        Raises:
+            InvalidInput: another shape, or no numbers.
+        """
+        places, samples, S = as_floats("positions", positions, "numbers (K, m)"), self.samples, self._samples
+        K = places.shape[-2] if places.ndim > 1 else 1
+        motors = self._rows("positions", places, (K, self.mechanism.n_tendons))[:, :, None]
+        half_widths = self._part("half_widths", "frictions")[:, None]
+        played = play_step(np.repeat(samples.played[:, None], K, axis=1), motors, half_widths)
+        parts = []
+        for rig in range(self._count):
+            numbers, links, _, angles = (np.concatenate([part[rig]] * K) for part in samples)
+            states = Samples(numbers, links, played[rig].reshape(K * S, -1), angles)
+            parts.append(self.around.touching(self._solved(states)))
+        each = (np.stack(values) for values in zip(*parts, strict=True))
+        return Touching._make(self._out(values.reshape(-1, K, S, *values.shape[2:])) for values in each)
 
 
 def _likelihoods(excess: Array) -> Array:

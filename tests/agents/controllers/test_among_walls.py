@@ -17,6 +17,7 @@ from agents.controllers.among_walls import (
     _neighbours,
     _paced,
 )
+from agents.controllers.fitted_wall import FittedWall
 from rj_gym import SURROUNDINGS_IDS
 from rollingjoint import Disc
 
@@ -61,6 +62,19 @@ def test_the_leader_stretches_where_the_base_has_come_to_its_end() -> None:
     """A target 1 mm beyond the base's reach: it is approached without strain."""
     infos = ended("rj_gym/Lumen-v0", FollowTheLeader(), {"depth": 66.0}, families=["gentle"])
     assert infos["feed"][0] > 70.0 and infos["success"][0] and infos["peak_wall_force"][0] < 0.9
+
+
+def test_a_fitted_wall_is_pressed_with_the_wanted_force_by_observations_alone() -> None:
+    """Also in the second lane, whose tip is so near the target that it goes the wrong way first."""
+    envs: Any = gymnasium.make_vec("rj_gym/HiddenWall-v0", 2, "vector_entry_point", episode_steps=12)
+    observations, infos = envs.reset(seed=[6_000_001, 6_000_003])
+    controller = FittedWall()
+    controller.begin(envs.unwrapped, infos)
+    assert infos["error_mm"][1] < 0.5
+    for _ in range(12):
+        observations, *_, infos = envs.step(controller.act(observations).astype(np.float32))
+    assert np.all(infos["success"]) and np.all(np.abs(infos["wall_force"] - 0.5) < 0.1)
+    assert np.all(infos["peak_wall_force"] < 0.7)
 
 
 def test_every_task_among_walls_has_a_teacher() -> None:

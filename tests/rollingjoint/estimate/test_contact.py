@@ -90,6 +90,22 @@ def test_a_single_rig_is_the_first_of_many_and_reset_forgets():
     assert np.array_equal(one.wall.mean, smoother(None, samples=400).wall.mean)
 
 
+def test_the_force_at_other_positions_is_that_where_motors_have_gone_there():
+    wall = WallRanges((0.2, 0.2), (-11.0, -11.0), (1.0, 1.0))
+    estimator = ContactSmoother(CHAIN, wall, outline=OUTLINE, samples=20)
+    places = CHAIN.neutral_lengths - [[0.5, -0.5], [2.0, -2.0], [2.5, -2.5]]
+    estimator.update(places[0], [3.0, 3.0])
+    assert np.array_equal(estimator.touching_at(places[:1]).force[0], estimator.touching.force[0])
+    ahead = estimator.touching_at(places)
+    assert ahead.force.shape == (3, 20, 2) and ahead.link.shape == (3, 20)
+    estimator.update(places[2], [3.0, 3.0])
+    force = estimator.touching.force[0, 0]
+    assert np.allclose(ahead.force[2], force, atol=1e-6) and np.linalg.norm(force) > 0.1
+    assert np.linalg.norm(ahead.force[1, 0]) < np.linalg.norm(force)
+    with pytest.raises(InvalidInput, match="positions"):
+        estimator.touching_at([[0.0, 0.0, 0.0]])
+
+
 def test_a_known_wall_stays_known():
     simulated = rigs(1, 7)
     direction, offset, compliance = simulated.walls[0]
