@@ -11,23 +11,20 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from agents.executors.options import LOCAL, add_options
 from agents.runs.checks import job_count
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from agents.runs.ready_made import CAMPAIGN, add_list, configuration_file
+from agents.runs.ready_made import CAMPAIGN, add_configuration, given_files
 from agents.training.campaign import Campaign, load_campaign
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj campaign", description="Train many runs.")
-    add_list(parser, CAMPAIGN)
-    parser.add_argument("campaign", help="YAML file, or the name of one of configs/campaign/")
-    parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
+    add_configuration(parser, CAMPAIGN)
     add_options(parser, "runs")
     add_consent(parser)
     arguments = parser.parse_args(argv)
@@ -36,10 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(arguments: argparse.Namespace) -> int:
     jobs = job_count("--jobs", arguments.jobs)
-    file = configuration_file(CAMPAIGN, arguments.campaign)
-    out = arguments.out or Path("runs") / file.stem
+    file, out = given_files(arguments, CAMPAIGN)
     members = load_campaign(file)
-    typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]
+    typed = [str(arguments.config), "--out", str(out), "--jobs", str(jobs)]
     typed += [] if arguments.cluster == LOCAL else ["--cluster", arguments.cluster]
     write_text(out / "command.txt", shlex.join(typed_command("rj campaign", typed)) + "\n")
     return Campaign(members, out, jobs, arguments.cluster).train()

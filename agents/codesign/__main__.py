@@ -9,21 +9,18 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from agents.executors.progress import Progress
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
 from agents.runs.consent import add_consent, consent_of
-from agents.runs.ready_made import CODESIGN, add_list, configuration_file
+from agents.runs.ready_made import CODESIGN, add_configuration, given_files
 from rollingjoint.errors import naming_extras
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj codesign", description="Co-design a mechanism and its policy.")
-    add_list(parser, CODESIGN)
-    parser.add_argument("config", help="YAML file, or the name of one of configs/codesign/")
-    parser.add_argument("--out", type=Path, help="folder (default: runs/codesign/ and the name of the file)")
+    add_configuration(parser, CODESIGN)
     parser.add_argument("--force", action="store_true", help="restart what is there")
     add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
@@ -39,8 +36,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.codesign.study import Study, results_of
 
     torch.set_num_threads(1)
-    file = configuration_file(CODESIGN, arguments.config)
-    out = arguments.out or Path("runs/codesign") / file.stem
+    file, out = given_files(arguments, CODESIGN)
     study = Study.begin(out, load_codesign(file), command, arguments.force)
     with study.locked(), signals_seen() as signals:
         units = list(study.units())
@@ -54,12 +50,11 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
                     progress.write(f"{unit}: {_told(study, found)}, {found['seconds']:.1f} s")
                 progress.done, progress.running = progress.done + 1, 0
                 progress.show()
-        again = " ".join(word for word in command if word != "--force")
         stopped = signals and not all(map(study.is_finished, units))
         if "joint" in results_of(study):
             write_report(out)
         if stopped:
-            return finished(len(units), {}, signals, again)
+            return finished(len(units), {}, signals, command)
     print(verdict(study, results_of(study)))
     print(f"The report is in {out / 'report.md'}; rj export {out / 'winner.yaml'} --out DIR draws the winner for CAD")
     return 0

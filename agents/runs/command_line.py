@@ -68,8 +68,9 @@ def progress_bar(total: int, unit: str, **arguments: Any) -> Any:
     return tqdm(total=total, unit=unit, disable=hidden, dynamic_ncols=True, **arguments)
 
 
-def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], again: str) -> int:
+def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], command: Sequence[str]) -> int:
     """The exit code of a command that works on many runs; says why some are not finished, and how to continue."""
+    again = " ".join(word for word in command if word != "--force")
     for run, reason in failed.items():
         print(f"failed: {run}: {reason}", file=sys.stderr)
     if signals:

@@ -14,6 +14,8 @@ _FOLDERS = (_AGENTS / "configs", _AGENTS.parent / "configs")  # as installed, in
 _ENV_FILE = "../env/{}.yaml"  # as files of configs/train name those of configs/env
 
 TRAIN, TUNE, CAMPAIGN, SEARCH, CODESIGN, ENV = KINDS = ("train", "tune", "campaign", "search", "codesign", "env")
+RESULTS = {CAMPAIGN: "runs", SEARCH: "runs/search", CODESIGN: "runs/codesign"}
+"""Folders for the results of commands that make one per configuration."""
 
 
 def names(kind: str) -> list[str]:
@@ -31,6 +33,19 @@ def add_list(parser: argparse.ArgumentParser, kind: str) -> None:
     """Add --list, which prints the ready-made configurations of a kind and ends the command, as --help does."""
     text = f"name the ready-made configurations (configs/{kind}/) and exit"
     parser.add_argument("--list", action=_List, nargs=0, const=kind, help=text)
+
+
+def add_configuration(parser: argparse.ArgumentParser, kind: str) -> None:
+    """Add --list, the configuration of a kind, and --out, the folder of its results, which `given_files` reads."""
+    add_list(parser, kind)
+    parser.add_argument("config", help=f"YAML file, or the name of one of configs/{kind}/")
+    parser.add_argument("--out", type=Path, help=f"folder (default: {RESULTS[kind]}/ and the name of the file)")
+
+
+def given_files(arguments: argparse.Namespace, kind: str) -> tuple[Path, Path]:
+    """The configuration file and the folder of results that are meant; raises as `configuration_file`."""
+    file = configuration_file(kind, arguments.config)
+    return file, arguments.out or Path(RESULTS[kind]) / file.stem
 
 
 class _List(argparse.Action):

@@ -22,7 +22,7 @@ from agents.executors.protocol import Executor
 from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
 from agents.runs.consent import add_consent, consent_of
-from agents.runs.ready_made import SEARCH, add_list, configuration_file
+from agents.runs.ready_made import SEARCH, add_configuration, given_files
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from rollingjoint.errors import naming_extras
@@ -34,11 +34,7 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="rj search", description="Search designs.")
-    add_list(parser, SEARCH)
-    parser.add_argument("config", help="YAML file, or the name of one of configs/search/")
-    parser.add_argument(
-        "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
-    )
+    add_configuration(parser, SEARCH)
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
     add_options(parser, "runs")
     parser.add_argument("--force", action="store_true", help="restart existing runs")
@@ -57,10 +53,9 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     jobs = job_count("--jobs", arguments.jobs)
     torch.set_num_threads(1)
-    file = configuration_file(SEARCH, arguments.config)
+    file, out = given_files(arguments, SEARCH)
     config = _chosen(load_search(file), arguments.methods)
     check(config)
-    out = arguments.out or Path("runs/search") / file.stem
     configs = config.runs()
     runs = [SearchRun.begin(out / run_config.run_name, run_config, command, arguments.force) for run_config in configs]
     unfinished = [run.path for run in runs if not run.is_finished]
@@ -68,7 +63,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     print(f"{len(runs) - len(unfinished)} runs are finished, {len(unfinished)} are not; {where}", flush=True)
     with executor_of(arguments.cluster, jobs) as executor, signals_seen() as signals, marked(out) as home:
         failed = _work(executor, unfinished, out, home, signals)
-    code = finished(len(runs), failed, signals, " ".join(word for word in command if word != "--force"))
+    code = finished(len(runs), failed, signals, command)
     if code == 0:
         write_report(out)
         print(f"All {len(runs)} runs are finished; the report is in {out / 'report.md'}")

@@ -144,7 +144,7 @@ class Campaign:
         waiting, failed = self._plan()
         with executor_of(self.cluster, self.jobs) as executor, signals_seen() as signals:
             failed |= self._work(executor, waiting, signals)
-        code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text("utf-8").strip())
+        code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text("utf-8").split())
         if code == 0:
             print(f"All {len(self.members)} runs are finished.\nNext: rj results {self.out}")
         return code

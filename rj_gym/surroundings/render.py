@@ -127,11 +127,14 @@ class WallsCanvas(Canvas):
             self.disc(disc[:2], disc[2] / self.unit - 0.8, TISSUE)
 
     def _body(self, scene: WallsScene) -> None:
+        """The sleeve, which touches the walls, and links in it, drawn no wider than it is."""
         links = scene.mechanism.links
         axis = [to_world(pose, np.array([link.child.start]))[0] for pose, link in zip(scene.poses, links, strict=True)]
         self.line(axis, 2.0 * scene.sleeve / self.unit, _SKIN)
         for link, pose in zip(links, scene.poses, strict=True):
-            outline = to_world(pose, link_outline(link))
+            outline = link_outline(link)
+            outline[:, 0] = outline[:, 0].clip(-scene.sleeve, scene.sleeve)
+            outline = to_world(pose, outline)
             self.fill(outline, blend(BACKGROUND, LINK, 0.8))
             self.line(outline, 0.4, EDGE)
         for j, holes in enumerate(scene.mechanism.tendon_polyline(scene.poses)):

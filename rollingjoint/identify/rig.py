@@ -36,6 +36,7 @@ GRID = {"play": (0.75, 1.5, 3.0, 4.5, 6.0), "sheath": (0.1, 0.4, 0.8), "offsets"
 """Where the search may begin: play [mm] and sheath friction of all tendons, and what is added to their offsets [mm]."""
 MOST_STARTS = 4
 LOST = 10.0  # standard deviations: the residual where the model has no equilibrium
+MOST_LOST = 0.5  # share of the readings; poor fits have larger residuals, so a search would end where all are lost
 REACH, FINE_REACH = 0.05, 1e-5  # of differences in the search and at its end, in standard deviations of the beliefs
 DRIVES = ("play", "sheath", "mu", "stiffness", "offsets")  # sought by default, and the surfaces where a tip was seen
 _FAR = 3.0  # standard deviations: readings beyond count less
@@ -235,8 +236,13 @@ class Misfit:
         return np.concatenate([np.nan_to_num(np.concatenate(errors, axis=1), nan=LOST), scaled], axis=1)
 
     def __call__(self, scaled: Array) -> Array:
-        """Residuals of one rig, (N,)."""
-        return self.of_all(scaled[None])[0]
+        """Residuals of one rig, (N,); infinite, where no search goes, for one without equilibria at many readings."""
+        residuals = self.of_all(scaled[None])
+        return np.full(residuals.shape[1], np.inf) if self._is_lost(residuals)[0] else residuals[0]
+
+    def _is_lost(self, residuals: Array) -> NDArray[np.bool_]:
+        """Whether rigs with these residuals, (K, N), have no equilibrium at more readings than MOST_LOST."""
+        return np.asarray((residuals[:, : self.size] == LOST).mean(axis=1) > MOST_LOST)
 
     def rms(self, scaled: Array, deviations: Mapping[str, float] | None = None) -> float:
         """Root mean square of the residuals of readings."""
@@ -284,7 +290,8 @@ class Misfit:
         return points
 
     def _costs(self, points: list[Array]) -> Array:
-        return np.asarray(np.sqrt(1.0 + (self.of_all(np.array(points)) / _FAR) ** 2).sum(axis=1))
+        residuals = self.of_all(np.array(points))
+        return np.where(self._is_lost(residuals), np.inf, np.sqrt(1.0 + (residuals / _FAR) ** 2).sum(axis=1))
 
     def solvable(self, scaled: Array) -> bool:
         """Whether there is an equilibrium at any reading that counts."""
@@ -311,7 +318,7 @@ class Misfit:
         return jacobian
 
     def fitted(self, start: Array, evaluations: int, say: Callable[[], object], reach: float = REACH) -> Array:
-        """The most likely rig near a start; reach: of differences."""
+        """The most likely rig near a start; reach: of differences. A start that is lost stays what it is."""
         from scipy.optimize import least_squares
 
         def derivatives(scaled: Array) -> Array:
@@ -322,6 +329,8 @@ class Misfit:
         low, high = ((end - space.mean) / space.sd for end in (space.low, space.high))
         margin = 1e-6 * (high - low)
         inside = np.clip(start, low + margin, high - margin)
+        if not np.isfinite(self(inside)).all():
+            return inside
         solution = least_squares(
             self,
             inside,

@@ -12,7 +12,9 @@ from rollingjoint.cli import main
 from rollingjoint.errors import InvalidInput
 from rollingjoint.identify import identify_rig, read_recording, write_recording
 from rollingjoint.identify.beliefs import RigSpace
+from rollingjoint.identify.rig import LOST, Misfit
 from rollingjoint.identify.rig_files import environment_settings
+from rollingjoint.identify.twin import RigModel
 from rollingjoint.io.mechanism_file import load_mechanism
 
 from .rigs import TRUE, recorded, with_stiffness
@@ -64,6 +66,19 @@ def test_intervals_hold_the_true_numbers_about_as_often_as_they_say():
         truth = result.space.vector(TRUE)
         inside.append((result.intervals[:, 0] <= truth) & (truth <= result.intervals[:, 1]))
     assert 0.85 <= np.mean(inside) <= 1.0
+
+
+def test_no_search_ends_where_most_readings_have_no_equilibrium():
+    space = RigSpace(five_link(), DRIVE)
+    misfit = Misfit(RigModel(recorded(80), space))
+    slack, start = (
+        (space.vector(space.fields(space.mean) | values) - space.mean) / space.sd
+        for values in ({"offsets": 4.0}, {"play": 6.0, "offsets": -2.0})
+    )
+    assert np.isinf(misfit(slack)).all() and not misfit.solvable(slack)
+    np.testing.assert_allclose(misfit.fitted(slack, 4, lambda: None), slack)
+    assert misfit.rms(start) > LOST  # more than without any equilibrium
+    assert misfit.solvable(misfit.fitted(start, 4, lambda: None))
 
 
 def test_a_delay_is_found_in_seconds():
