@@ -227,7 +227,7 @@ def reach_batch(
         loads: shared by all rows, or a table (B, rows, columns).
         start: joint angles (B, n - 1), equilibria or a Reach of B rows.
         tension_limits, inputs, prefer, starts, lever, joint_limits: as of `reach`. Rows that end beyond the joint
-            limits, or have not converged without a start, go on one by one, in tens of milliseconds.
+            limits go on one by one, in tens of milliseconds; others that have not converged do not.
     Raises:
         InvalidInput: as `reach`, and another number of mechanisms, loads or starts than of targets.
     """
@@ -238,10 +238,10 @@ def reach_batch(
     if within is not None and inputs != "lengths":
         raise InvalidInput("inputs", inputs, "'lengths' beside joint limits")
     many = replace(search.run(start, count), joint_limits=within)
-    goes_on = (many.status == ReachStatus.NOT_CONVERGED) & (start is None and inputs == "lengths")
-    if within is not None:
-        goes_on |= ~_within(many, within) & (many.status != ReachStatus.INVALID_INPUT)
-    rows, targets = np.flatnonzero(goes_on), np.asarray(tips, float)
+    if within is None:
+        return many
+    rows = np.flatnonzero(~_within(many, within) & (many.status != ReachStatus.INVALID_INPUT))
+    targets = np.asarray(tips, float)
     first_try = {"prefer": prefer, "start": None, "starts": count, "lever": lever}
     others = [
         _reach_by_solves(search.situation(row, within), targets[row], None, first_try, many.row(row))
