@@ -130,8 +130,8 @@ class RigRecording:
 
 def _turning_points(motors: Array, distance: float) -> NDArray[np.int64]:
     """Steps at which some motor has moved by a distance since the last such step, or turned after such a way, (K,)."""
-    kept, window = [0], _WINDOW
-    while (start := kept[-1]) + 1 < len(motors):
+    turns, window = [0], _WINDOW
+    while (start := turns[-1]) + 1 < len(motors):
         ahead = motors[start : start + window]
         low, high = np.minimum.accumulate(ahead), np.maximum.accumulate(ahead)
         is_far = (np.maximum(high - ahead, ahead - low) > distance).any(axis=1)
@@ -139,13 +139,13 @@ def _turning_points(motors: Array, distance: float) -> NDArray[np.int64]:
             step = int(is_far.argmax())
             way = ahead[: step + 1]
             extremes = {int(place) for place in (*way.argmin(axis=0), *way.argmax(axis=0)) if 0 < place < step}
-            kept += [start + place for place in (*sorted(extremes), step)]
+            turns += [start + place for place in (*sorted(extremes), step)]
             window = max(_WINDOW, 2 * step)
         elif start + window < len(motors):
             window *= 2
         else:
             break
-    return np.array(kept if len(kept) > 1 else [0, len(motors) - 1])
+    return np.array(turns if len(turns) > 1 else [0, len(motors) - 1])
 
 
 def read_recording(path: str | Path) -> RigRecording:

@@ -122,11 +122,11 @@ def reach(
         if contact_force is not None and surroundings is None:
             raise InvalidInput("contact_force", contact_force, "surroundings beside it")
         first = {"prefer": prefer, "start": start, "starts": as_integer("starts", starts, 1), "lever": lever}
-        each = tension_limits_of(tension_limits, mechanism.n_tendons)
+        ranges = tension_limits_of(tension_limits, mechanism.n_tendons)
         walls = None if surroundings is None else walls_of(surroundings, mechanism)
         cap = checked_wall_force(wall_force)
-        rest = np.zeros(mechanism.n_tendons)
-        situation = Situation(mechanism, loads, each, rest, cap, walls, base, within, aims)
+        slack = np.zeros(mechanism.n_tendons)
+        situation = Situation(mechanism, loads, ranges, slack, cap, walls, base, within, aims)
         return _reach_by_solves(situation, tip, history, first, None)
     table = _table_of(mechanism, loads)
     if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
@@ -180,8 +180,8 @@ def _reach_by_solves(
     status = ReachStatus.REACHED if best.reaches(near) else ReachStatus.OUT_OF_REACH
     status = status if best.pose.keeps_limits else ReachStatus.BEYOND_LIMITS
     status = status if best.ok else ReachStatus.NO_EQUILIBRIUM
-    rest = situation.solve(command, None, history)
-    from_rest = bool(rest.ok) and float(goal.distances(rest)[0]) <= best.pose.distance + near
+    again = situation.solve(command, None, history)
+    from_rest = bool(again.ok) and float(goal.distances(again)[0]) <= best.pose.distance + near
     solves = sum(move.solves for move in moves)
     distance = best.pose.distance if best.ok else np.inf
     return Reach(at, command, distance, status, limits, from_rest, solves, situation.joint_limits)
@@ -372,13 +372,13 @@ class _Searches:
             else:
                 if samples is None:
                     samples = self._samples()
-                    tried = np.full(len(best.distance), -1.0)
-                tried *= 1.0 if attempt < _CLOSE else _FARTHER
-                angles, tensions = self._nearest(samples, rows, tried)
+                    horizon = np.full(len(best.distance), -1.0)
+                horizon *= 1.0 if attempt < _CLOSE else _FARTHER
+                angles, tensions = self._nearest(samples, rows, horizon)
                 for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
                     later = rows[ranks > rank]  # type: ignore[operator]
-                    angles[later], tensions[later] = self._nearest(samples, later, tried)
-                best.over[rows] |= np.isinf(tried[rows])
+                    angles[later], tensions[later] = self._nearest(samples, later, horizon)
+                best.over[rows] |= np.isinf(horizon[rows])
             preferred = np.repeat(self.preferred[None], len(rows), axis=0)
             if attempt >= _PREFERRED:
                 nearly = best.distance[rows] < _NEAR * self.goal.size
@@ -417,14 +417,14 @@ class _Searches:
         angles, tensions = (values[places] for values in (solution.joint_angles, solution.tensions))
         return kernels.Starts(np.array([order]), points[places], angles, tensions)
 
-    def _nearest(self, samples: Any, rows: Rows, tried: Array) -> tuple[Array, Array]:
+    def _nearest(self, samples: Any, rows: Rows, horizon: Array) -> tuple[Array, Array]:
         """Joint angles and tensions of the nearest start beyond those that were tried, of the rows."""
         angles, tensions = np.zeros((len(rows), samples.angles.shape[1])), np.zeros((len(rows), self.limits.shape[1]))
-        beyond = tried[rows]
+        beyond = horizon[rows]
         work = partial(_code(kernels.take_nearest, kernels.Starts, *_NEAREST), samples)
         arrays = self.goal.take(rows).coordinates, beyond, angles, tensions
         run_in_threads(lambda first, last: work(*arrays, first, last), len(rows), angles.shape[1])
-        tried[rows] = beyond
+        horizon[rows] = beyond
         return angles, tensions
 
     def _try(self, best: _Best, rows: Rows, angles: Array, tensions: Array, preferred: Array) -> Any:
