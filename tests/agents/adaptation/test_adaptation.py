@@ -94,13 +94,14 @@ def test_a_model_that_is_the_robot_leaves_the_noise_of_the_sensors_and_another_m
     assert 0.3 < misfit.rms((values - space.mean) / space.sd) < 0.7 and misfit.rms(np.zeros(values.size)) > 5
 
 
-def test_what_ends_early_is_not_compared_and_a_model_without_equilibria_counts_as_far_off(recording, monkeypatch):
+def test_what_ends_early_is_not_compared_and_no_search_goes_to_a_model_without_equilibria(recording, monkeypatch):
     cut = replace(recording, running=recording.running & (np.arange(51) < 30))
     misfit, whole = misfit_of(cut), misfit_of(recording)
     assert misfit.size < whole.size == whole(np.zeros(40)).size - 40
     predict = whole.model.predict
     monkeypatch.setattr(whole.model, "predict", lambda x: predict(x)._replace(ok=np.zeros((len(x), 3, 51), bool)))
-    assert (whole(np.zeros(40))[:-40] == 10.0).all()
+    assert (whole.of_all(np.zeros((1, 40)))[0, :-40] == 10.0).all()
+    assert np.isinf(whole(np.zeros(40))).all()  # no search goes there
 
 
 def test_identification_without_a_camera_finds_play_friction_and_stiffness_and_leaves_surfaces(recording):
