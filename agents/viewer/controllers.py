@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
-from agents.controllers import NEED_POSES
+from agents.controllers import NEED_POSES, untuned_controllers
 from agents.controllers.controller import Array, Controller
 from agents.controllers.tuned import world_of
 from agents.evaluation.rollout import run_episodes
@@ -66,8 +66,9 @@ def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
     """The controllers that can drive in an environment, by name: shipped policies, then those without learning."""
     key = episodes_key(env)
     policies = [policy for policy, other in _policies() if other == key]
-    left_out = () if env.arguments()["config"].sees_all else NEED_POSES
-    others = [name for name in candidates(world_of(env)) if name not in left_out]
+    untuned, sees_all = untuned_controllers(), env.arguments()["config"].sees_all
+    kinds = () if sees_all else [type(untuned[name]) for name in NEED_POSES]  # others of these names estimate poses
+    others = [name for name, controller in candidates(world_of(env)).items() if type(controller) not in kinds]
     learned = [
         OfferedController(
             f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name, version=version_of(p.env_id))
