@@ -84,8 +84,9 @@ def write_parquet(path: str | Path, table: str | Path) -> int:
     try:
         with table.open("xb") as file:
             pyarrow.parquet.write_table(pyarrow.table(arrays).replace_schema_metadata(about), file)
-    except FileExistsError:
-        raise ConfigError("--out", str(table), "a new file", "Move the other one, or take another name.") from None
+    except OSError as error:
+        hint = f"{error.strerror}: take another name, in a folder that is there."
+        raise ConfigError("table", str(table), "a new file that can be written", hint) from None
     return recording.steps
 
 

@@ -13,7 +13,8 @@ from rollingjoint.checks import as_integer
 from rollingjoint.cli.case_options import add_search, counted, search_of, target_of
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse import Reach, ReachStatus, reach
-from rollingjoint.inverse.search import INPUTS, STARTS
+from rollingjoint.inverse.search import STARTS
+from rollingjoint.inverse.searches import INPUTS
 from rollingjoint.inverse.starts import SAMPLES
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism

@@ -7,6 +7,7 @@ Modules:
     reachable: where the tip can be, and how well it moves, presses and holds there.
     result: results of the functions.
     search: the functions.
+    searches: searches of many targets side by side, by the kernel.
     starts: equilibria to start from.
     steps: a step by solves of the whole model: among walls, with friction, joint limits and aims.
     warm: a single search from a known equilibrium.
@@ -14,6 +15,7 @@ Modules:
 
 from rollingjoint.inverse.reachable import Workspace, workspace
 from rollingjoint.inverse.result import Reach, ReachStatus
-from rollingjoint.inverse.search import PREFERENCES, all_solutions, reach, reach_batch
+from rollingjoint.inverse.search import all_solutions, reach, reach_batch
+from rollingjoint.inverse.searches import PREFERENCES
 
 __all__ = ["PREFERENCES", "Reach", "ReachStatus", "Workspace", "all_solutions", "reach", "reach_batch", "workspace"]

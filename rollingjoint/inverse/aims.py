@@ -40,12 +40,8 @@ class Aims:
                 along, wanted = stiffness
             except (TypeError, ValueError):
                 raise InvalidInput("stiffness", stiffness, allowed) from None
-            direction = as_vector("direction of the stiffness", along, chain.dimension, "coordinates")
+            direction = unit_direction("direction of the stiffness", along, chain.dimension)
             value = as_positive("stiffness", wanted, "a positive number [N/mm]")
-            length = float(np.linalg.norm(direction))
-            if not 0.0 < length < np.inf:
-                raise InvalidInput("direction of the stiffness", along, "finite numbers that are not all 0")
-            direction = direction / length
         if contact_force is not None:
             force = as_positive("contact_force", contact_force, "a positive number [N]")
         return cls(direction, value, force)
@@ -74,6 +70,15 @@ class Aims:
 
 
 NO_AIMS = Aims()
+
+
+def unit_direction(what: str, along: ArrayLike, dimension: int) -> Array:
+    """The vector of length 1 along another one, (dimension,); InvalidInput for one without a direction."""
+    vector = as_vector(what, along, dimension, "coordinates")
+    length = float(np.linalg.norm(vector))
+    if not 0.0 < length < np.inf:
+        raise InvalidInput(what, along, "finite numbers that are not all 0")
+    return np.asarray(vector / length)
 
 
 def held_stiffness(equilibrium: Any) -> Array:

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.chain.chain import AnyChain, check_chain
 from rollingjoint.checks import as_choice, as_integer
 from rollingjoint.errors import InvalidInput
-from rollingjoint.inverse.search import PREFERENCES, reach_batch
+from rollingjoint.inverse.search import reach_batch
+from rollingjoint.inverse.searches import PREFERENCES
 from rollingjoint.inverse.starts import sampled
 from rollingjoint.load import Load
 from rollingjoint.statics.inputs import tension_limits_of

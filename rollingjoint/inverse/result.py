@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.solution import stacked
 from rollingjoint.chain.status import codes_of
-from rollingjoint.checks import as_vector
-from rollingjoint.inverse.aims import contact_force_of, stiffness_along
+from rollingjoint.errors import InvalidInput
+from rollingjoint.inverse.aims import contact_force_of, stiffness_along, unit_direction
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -117,7 +117,7 @@ class Reach:
     @property
     def contact_force(self) -> float:
         """Sum of the normal forces with which the last link presses on walls, of a single reach [N]."""
-        return contact_force_of(self.equilibrium)
+        return contact_force_of(self._single("contact_force"))
 
     def tip_stiffness(self, direction: ArrayLike) -> float:
         """Force per displacement of the tip along a direction, (2 or 3,), of a single reach [N/mm].
@@ -125,8 +125,8 @@ class Reach:
         The tip is free to move across it, all lengths are held, and no tendon yields. Infinite where joints at their
         limits leave it no way to move.
         """
-        along = as_vector("direction", direction, self.tip.shape[-1], "coordinates")
-        return stiffness_along(self.equilibrium, along / np.linalg.norm(along))
+        single = self._single("tip_stiffness")
+        return stiffness_along(single, unit_direction("direction", direction, self.tip.shape[-1]))
 
     @property
     def ok(self) -> bool | Mask:
@@ -147,6 +147,12 @@ class Reach:
             if np.any(mask)
         ]
         return "; ".join(parts)
+
+    def _single(self, what: str) -> Any:
+        """The equilibrium; InvalidInput where there are many."""
+        if np.ndim(self.distance):
+            raise InvalidInput(what, f"of {np.size(self.distance)} rows", "a single reach", "Take one: row(i).")
+        return self.equilibrium
 
     def row(self, index: int) -> Reach:
         """One of many."""

@@ -16,14 +16,8 @@ from rollingjoint.checks import as_floats, as_integer, as_positive
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
-from rollingjoint.inverse.search import (
-    PREFERENCES,
-    all_solutions,
-    checked_lever,
-    checked_wall_force,
-    preferred_tensions,
-    reach,
-)
+from rollingjoint.inverse.search import all_solutions, checked_lever, checked_wall_force, reach
+from rollingjoint.inverse.searches import PREFERENCES, preferred_tensions
 from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, drive, step_to
 from rollingjoint.load import Load
 from rollingjoint.plan.path import among_walls, between, target_like

@@ -48,8 +48,9 @@ def test_a_parquet_table_has_a_row_per_step_and_null_for_what_is_not_there(recor
     assert columns["tip_x"] == [1.0, 1.0, None, 1.0] * 2
     assert columns["goal0"] == [None, 91.5, 92.5, 93.5] + [None] * 4
     assert json.loads(table.schema.metadata[b"rollingjoint-recording"])["rate"] == 20.0
-    assert main(export) == 2
-    assert "a new file" in capsys.readouterr().err
+    for place in ("a.parquet", "nowhere/a.parquet"):
+        assert main([*export[:-1], str(tmp_path / place)]) == 2
+        assert "a new file that can be written" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["none.jsonl", "none.csv"])

@@ -152,6 +152,12 @@ def test_aims_that_cannot_be_used_are_one_line():
         with pytest.raises(InvalidInput) as error:
             reach(**more)
         assert "\n" not in str(error.value)
+    with pytest.raises(InvalidInput, match="not all 0"):
+        reach().tip_stiffness((0.0, 0.0))
+    many = rj.reach_batch(CHAIN, np.stack([TIP, TIP]), LOADS, LIMITS)
+    for use in (lambda: many.tip_stiffness((1.0, 0.0)), lambda: many.contact_force):
+        with pytest.raises(InvalidInput, match=r"of 2 rows.*row\(i\)"):
+            use()
     with pytest.raises(InvalidInput, match="beside contact_force"):
         rj.reach(ARM, np.zeros((9, 2)), surroundings=WALL, contact_force=0.5)
 
