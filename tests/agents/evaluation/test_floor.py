@@ -223,7 +223,7 @@ def gain_of_more_starts(settings, episodes, starts, candidates, name="RollingJoi
 
 
 def test_twice_the_starts_find_nothing_better():
-    assert gain_of_more_starts({"load": {"link": "tip"}}, 100, starts=96, candidates=8).max() < 1e-5
+    assert gain_of_more_starts({"load": {"link": "tip"}}, 100, starts=32, candidates=8).max() < 1e-5
 
 
 @pytest.mark.slow
@@ -237,8 +237,8 @@ def test_twice_the_starts_find_nothing_better():
     ids=str,
 )
 def test_three_times_the_starts_find_nothing_better_for_the_arm(settings):
-    better = gain_of_more_starts(settings, 60, starts=144, candidates=16, name="FlexibleArm-v0")
-    print(f"at most {better.max():.1e} mm better in 60: {settings}")
+    better = gain_of_more_starts(settings, 200, starts=48, candidates=16, name="FlexibleArm-v0")
+    print(f"at most {better.max():.1e} mm better in 200: {settings}")
     assert better.max() < 1e-6
 
 
@@ -258,9 +258,9 @@ def test_three_times_the_starts_find_nothing_better_for_the_arm(settings):
     ids=str,
 )
 def test_four_times_the_starts_find_next_to_nothing_better(settings):
-    better = gain_of_more_starts(settings, 100, starts=192, candidates=16)
-    print(f"more than 1e-6 mm better in {np.sum(better > 1e-6)} of 100, at most {better.max():.1e} mm: {settings}")
-    assert np.mean(better > 1e-4) <= 0.03
+    better = gain_of_more_starts(settings, 500, starts=64, candidates=16)
+    print(f"more than 1e-6 mm better in {np.sum(better > 1e-6)} of 500, at most {better.max():.1e} mm: {settings}")
+    assert np.mean(better > 1e-4) <= 0.004
 
 
 @pytest.mark.parametrize("settings", [{"friction": {"mu": [0.0, 0.1]}}, {"mechanism": "rubbed"}], ids=["set", "own"])
