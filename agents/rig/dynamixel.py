@@ -2,8 +2,8 @@
 
 Faults of the SDK (4.1, Python) around which this driver is built: it drops the error byte of answers to synchronous
 reads, and with it hardware errors; it gives up where servos answer in another order; answers have no number, so that a
-late one is taken for the next; a port stays "in use" after an exception or Ctrl-C; the pattern FF FF FD, which goals
-beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
+late one is taken for the next, and cut to its length; a port stays "in use" after an exception or Ctrl-C; the pattern
+FF FF FD, which goals beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ _FIRST, _SIZE = _TORQUE, 72  # the block of every reading: torque, error, watchd
 _TICK, _CURRENT = 120, 126
 _ALERT, _CRC = 0x80, 3
 _TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
+_RUN_OUT = 40  # ticks that a motor may be turned by its tendon until torque is on, which takes that place as its goal
 _OLD_MS = 12.0  # by which an answer may lag behind the clock before it counts as one to an earlier question
 _RETRIES = 2
 PORT_ERRORS: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
@@ -190,14 +191,14 @@ class Dynamixels:
         self._set(ident, _TORQUE, 1, 1)
         self._set(ident, _WATCHDOG, 1, self._watchdog)
         block, modes = self._block(ident), self._modes(ident)
-        for what, shown, value in (
-            ("mode", modes[_MODE], _CURRENT_POSITION),
-            ("goal", self._signed_in(block, _GOAL, 4), goal),
-            ("limit of current", self._signed_in(block, _GOAL_CURRENT, 2), limit),
-            ("torque", block[_TORQUE - _FIRST], 1),
-            ("watchdog", block[_WATCHDOG - _FIRST], self._watchdog),
+        for what, shown, value, margin in (
+            ("mode", modes[_MODE], _CURRENT_POSITION, 0),
+            ("goal", self._signed_in(block, _GOAL, 4), goal, _RUN_OUT),
+            ("limit of current", self._signed_in(block, _GOAL_CURRENT, 2), limit, 0),
+            ("torque", block[_TORQUE - _FIRST], 1, 0),
+            ("watchdog", block[_WATCHDOG - _FIRST], self._watchdog, 0),
         ):
-            if shown != value:
+            if abs(shown - value) > margin:
                 raise RigError(f"motor {ident} shows a {what} of {shown}, not {value}, after it was set")
 
     def _modes(self, ident: int) -> dict[int, int]:

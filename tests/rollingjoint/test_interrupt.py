@@ -136,7 +136,7 @@ def test_a_follower_force_on_more_than_a_thousand_joints_is_given_up_at_once(bui
 @pytest.mark.slow
 @pytest.mark.parametrize("beads", [200, 300])
 def test_a_follower_force_on_a_long_arm_takes_a_bounded_number_of_dense_steps(beads):
-    """They decide on the seconds of docs/reliability.md: 24 and 39 before the bound, 10 and 11 with it."""
+    """These steps take the seconds of docs/reliability.md: 24 and 39 before the bound, 10 and 11 with it."""
     arm, rng = small_arm(beads), np.random.default_rng(0)
     tensions, force = rng.uniform(0.1, 10, 4), rng.normal(0, 1.0, 3)
     result = solve_tensions(arm, tensions, [BodyWrench(-1, tuple(force))])

@@ -16,7 +16,6 @@ from agents.controllers.among_walls import Feedback, FollowTheLeader, FreeSpaceP
 from agents.runs.state_file import packed, unpacked
 from rj_gym.surroundings import drawing
 from rj_gym.surroundings import task as tasks
-from rj_gym.surroundings.drawing import scenes_among_discs, scenes_at_a_wall
 from rollingjoint import ConfigError, Disc, HalfPlane, InvalidInput, Lumen, solve_lengths
 from rollingjoint.chain.status import Status
 from tests.rj_gym.rollouts import same
@@ -39,11 +38,9 @@ def made(env_id, lanes=None, **settings):
 
 @pytest.fixture
 def drawn_at_once(monkeypatch):
-    """Episodes of the tasks that search for theirs are a few random numbers, for what does not depend on them."""
+    """Scenes of the tasks that search for theirs are a few random numbers: for tests of everything else."""
 
     def discs(task, rngs, fixed):
-        if fixed:
-            return scenes_among_discs(task, rngs, fixed)
         return [disc_scene(task, rng.uniform(-20.0, 20.0, 2)) for rng in rngs]
 
     def disc_scene(task, at):
@@ -51,8 +48,6 @@ def drawn_at_once(monkeypatch):
         return drawing._scene_of_discs(task.config, others, np.add(at, (0.0, 70.0)), task.rest, task.rest)
 
     def wall(task, rngs, fixed):
-        if fixed:
-            return scenes_at_a_wall(task, rngs, fixed)
         return [wall_scene(task, rng.uniform(25.0, 40.0)) for rng in rngs]
 
     def wall_scene(task, away):
