@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.command_line import exit_code
+from agents.runs.command_line import exit_code, note
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import ConfigError, InvalidInput
 
@@ -194,7 +194,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from rollingjoint.identify.twin import RigModel
     from rollingjoint.io.mechanism_file import load_mechanism
 
-    recording = read_recording(arguments.recording)
+    recording = read_recording(arguments.recording, note)
     mechanism = mechanism_of(recording, load_mechanism(arguments.mechanism) if arguments.mechanism else None)
     if arguments.identified:
         space, values = load_identified(arguments.identified, mechanism)
