@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.runs.checks import integer
-from agents.runs.command_line import exit_code, typed_command
+from agents.runs.command_line import exit_code, note, typed_command
 from agents.runs.consent import add_consent, consent_of
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _adapt_to_rig(arguments: argparse.Namespace) -> int:
         if not isinstance(candidate.controller, ShippedPolicy):
             raise ConfigError("--controller", name, "a policy, which can be written, with --recording")
     found, policies = adapted_to_rig(
-        read_recording(arguments.recording), controllers, TrialPlan(updates=arguments.updates)
+        read_recording(arguments.recording, note), controllers, TrialPlan(updates=arguments.updates)
     )
     save_rig(found, arguments.policies)
     print(rig_report(found))

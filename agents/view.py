@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agents.runs.checks import integer
-from agents.runs.command_line import exit_code
+from agents.runs.command_line import exit_code, note
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
 from rollingjoint import PRESETS
@@ -149,7 +149,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     for option in ("recording", "record"):
         if getattr(arguments, option) is None:
             raise ConfigError(f"--{option}", None, "a file; --recording FILE and --record OUT.html go together")
-    recording = read_recording(arguments.recording)
+    recording = read_recording(arguments.recording, note)
     given = load_mechanism(arguments.mechanism[0]) if arguments.mechanism else None
     mechanism = mechanism_of(recording, given)
     space, values = (

@@ -12,8 +12,9 @@ The project ships none. Rows of the scored file that are in FOLDER too are left 
 An error is the root mean square distance of measured and modelled tips [mm], both less their mean over the scored rows;
 the turn between the frames is fitted. The model is a HingeChain of ten hinges a segment, about x and y in turn; all
 its parameters have a nominal value and a standard deviation, the fit is the largest posterior. Variants add parameters
-and are judged by families of patterns that the fit has not seen. The second row of a result adds a ridge regression of
-what is left on the motors' past; it is no physics.
+and are judged by families of patterns that the fit has not seen. The second row of a result adds a Gaussian process of
+what is left, over motors and their past; it is no physics. --bound says what could be reached: errors of such a process
+without any model, and of both together, where rows, patterns, families or the end of a recording are held out.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ def parameters_of(robot: Robot) -> dict[str, Parameter]:
         "bending stiffness": Parameter((3000.0,) * 3, 0.5, "N·mm²", log=True),
         "tendon stiffness": Parameter((9.0,) * 3, 1.0, "N/mm", log=True),
         "offset": Parameter((-0.3,) * TENDONS, 0.5, "mm"),
+        "shift in pulls": Parameter((0.0,) * TENDONS, 0.7, "mm"),
         "frame": Parameter((0.0,) * 3, 0.1, "rad"),
         "azimuth": Parameter(azimuths, 0.1, "rad"),
         "length": Parameter(robot.lengths, 3.0, "mm"),
@@ -98,6 +100,7 @@ def parameters_of(robot: Robot) -> dict[str, Parameter]:
 CALIBRATED = ("bending stiffness", "tendon stiffness", "offset", "frame")
 GEOMETRY = (*CALIBRATED, "azimuth", "length", "gain")
 MOVING = (*GEOMETRY, "delay", "rest curvature")
+SETTLED = "shift in pulls", "twist", "axial compliance"
 VARIANTS = {
     "stiffnesses, offsets, frame": CALIBRATED,
     "+ azimuths, lengths, gains": GEOMETRY,
@@ -108,14 +111,22 @@ VARIANTS = {
     "  and friction of bending": (*MOVING, "bending friction"),
     "  and axial compliance": (*MOVING, "axial compliance"),
     "  and axial compliance, friction, play": (*MOVING, "axial compliance", "bending friction", "play"),
+    "  and shifts in pulls": (*MOVING, "shift in pulls"),
+    "  and shifts in pulls, twist": (*MOVING, "shift in pulls", "twist"),
+    "  and shifts in pulls, twist, axial compliance": (*MOVING, *SETTLED),
+    "  and shifts in pulls, twist, axial compliance, friction, play": (*MOVING, *SETTLED, "bending friction", "play"),
 }
-CHOSEN = "  and axial compliance, friction, play"
+CHOSEN = "  and shifts in pulls, twist, axial compliance"
 
 NOISE = 5.0  # standard deviation of a tip's coordinate in the posterior [mm]
 MOST_ROWS = 270  # of a fit
 SWEEPS = 4  # over a recording, for what depends on tensions and on the past
 EASE = 0.65  # of Newton's rates for an arm that does not bend: it does, and this settles soonest
 STEPS = 10  # of a fit at most
+REACH = 5.0, 15.0  # mm of motors, and of their past, over which a Gaussian process forgets
+LEFT, SCATTER = 4.0, 1.0  # of a coordinate that physics leaves, and of what nothing explains [mm]
+FREE, SLOPE = 20.0, 4.0  # of a coordinate where there is no physics [mm], and of its linear part [mm/mm]
+LET_OUT = -7.0  # mm: a motor beyond it is slack for a pull of another, which was a session with its own zeros
 FAMILIES = "pull", "seg", "pair12", "pair13", "pair23"
 
 
@@ -240,9 +251,9 @@ class Model:
             motors = delayed(times, motors, values["delay"][0])
         if "play" in values:
             motors = behind_play(motors, np.abs(values["play"]))
-        return np.asarray(
-            arm.neutral_lengths + self.value(values, "offset") - self.value(values, "gain") * motors, float
-        )
+        shift = np.where((motors < LET_OUT).any(axis=1, keepdims=True), self.value(values, "shift in pulls"), 0.0)
+        offsets = self.value(values, "offset") + shift
+        return np.asarray(arm.neutral_lengths + offsets - self.value(values, "gain") * motors, float)
 
     def solve(self, values: dict[str, Array], arm: HingeChain, lengths: Array) -> tuple[HingeEquilibrium, Array]:
         """Equilibria along a path of unstretched lengths, and the shortening of every segment, (n, 3) [mm].
@@ -346,36 +357,60 @@ def apart(measured: Array, modelled: Array) -> Array:
     return (measured - measured.mean(axis=0)) - (modelled - modelled.mean(axis=0))
 
 
+def centred(values: Array) -> Array:
+    """Less their mean."""
+    return np.asarray(values - values.mean(axis=0))
+
+
 def rms(measured: Array, modelled: Array) -> float:
     """Root mean square of the distance `apart` [mm]."""
     return float(np.sqrt(np.mean(np.sum(apart(measured, modelled) ** 2, axis=1))))
 
 
-def past_features(recording: Recording) -> Array:
-    """Motors now, 0.6 and 2 s ago, behind plays of 0.3 and 1 mm, and how far they have paid out, (n, 54) [mm]."""
+def past_of(recording: Recording) -> Array:
+    """Motors 0.6, 2 and 10 s ago and behind plays of 0.3 and 1 mm, less motors now, (n, 45) [mm]."""
     times, motors = recording.times, recording.motors
-    past = [delayed(times, motors, late) for late in (0.6, 2.0)]
-    return np.hstack([motors, np.minimum(motors, 0.0), *past, *(behind_play(motors, width) for width in (0.3, 1.0))])
+    past = [delayed(times, motors, late) for late in (0.6, 2.0, 10.0)]
+    past += [behind_play(motors, width) for width in (0.3, 1.0)]
+    return np.hstack([values - motors for values in past])
 
 
-class Ridge(NamedTuple):
-    """A ridge regression of what physics leaves on the motors' past."""
+class Process(NamedTuple):
+    """A Gaussian process over motors and their past, with what it has seen.
 
-    means: Array
-    slopes: Array
+    Args:
+        motors, past: (n, 9) and (n, 45) [mm]. weights: of the rows, (n, 3) [1/mm].
+        size: standard deviation of a coordinate [mm]. slope: of its linear part [mm/mm].
+    """
+
+    motors: Array
+    past: Array
+    weights: Array
+    size: float
+    slope: float
 
     @classmethod
-    def of(cls, recording: Recording, modelled: Array, penalty: float = 300.0) -> Ridge:
-        """Fitted to a recording."""
-        features, residuals = past_features(recording), recording.tips - modelled
-        means = features.mean(axis=0)
-        centred = features - means
-        normal = centred.T @ centred + penalty * np.eye(centred.shape[1])
-        return cls(means, np.linalg.solve(normal, centred.T @ (residuals - residuals.mean(axis=0))))
+    def of(cls, recording: Recording, values: Array, size: float = LEFT, slope: float = 0.0) -> Process:
+        """Fitted to values (n, 3) [mm] at the rows of a recording."""
+        bare = cls(recording.motors, past_of(recording), values, size, slope)
+        covariance = bare.covariance(bare.motors, bare.past)
+        return bare._replace(weights=np.linalg.solve(covariance + SCATTER**2 * np.eye(len(values)), values))
+
+    def covariance(self, motors: Array, past: Array) -> Array:
+        """With the rows that were seen, (k, n) [mm²]."""
+        far = squared_distances(motors, self.motors) / REACH[0] ** 2
+        far += squared_distances(past, self.past) / REACH[1] ** 2
+        linear = motors @ self.motors.T + 0.3 * past @ self.past.T
+        return np.asarray(self.size**2 * np.exp(-0.5 * far) + self.slope**2 * linear)
 
     def __call__(self, recording: Recording) -> Array:
-        """What is to be added to modelled tips, (n, 3) [mm]."""
-        return np.asarray((past_features(recording) - self.means) @ self.slopes, float)
+        """The most likely values at the rows of a recording, (k, 3) [mm]."""
+        return np.asarray(self.covariance(recording.motors, past_of(recording)) @ self.weights)
+
+
+def squared_distances(rows: Array, others: Array) -> Array:
+    """Of every row from all others, (k, n)."""
+    return np.asarray((rows**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2.0 * rows @ others.T)
 
 
 def inner_splits(recording: Recording) -> dict[str, NDArray[np.bool_]]:
@@ -385,23 +420,24 @@ def inner_splits(recording: Recording) -> dict[str, NDArray[np.bool_]]:
     return {name: held_out for name, held_out in {**splits, "late": late}.items() if 1 < held_out.sum() < len(late) - 1}
 
 
-def variants_table(recording: Recording, robot: str) -> str:
-    """Errors of every variant on all rows and on every inner split, the last with the ridge regression too."""
+def variants_table(recording: Recording, robot: str, part: str = "") -> str:
+    """Errors of variants on all rows and on every inner split, of those with `part` in their names."""
     splits = inner_splits(recording)
     fitted: dict[str, dict[str, Array]] = {name: {} for name in ("all", *splits)}
     rows = []
-    for variant, free in VARIANTS.items():
-        model, errors, with_ridge = Model(ROBOTS[robot], free), [], []
+    for variant, free in ((name, free) for name, free in VARIANTS.items() if part in name):
+        model, errors, with_process = Model(ROBOTS[robot], free), [], []
         for name, known in fitted.items():
             held_out = splits.get(name, np.zeros(len(recording.times), bool))
             train, test = recording.rows(~held_out), recording.rows(held_out if name != "all" else ~held_out)
             z = model.fit_after(known, train, f"{robot} {variant.strip()}, without {name if name != 'all' else 'none'}")
             modelled = model.tips(z, test)
             errors.append(rms(test.tips, modelled))
-            with_ridge.append(rms(test.tips, modelled + Ridge.of(train, model.tips(z, train))(test)))
+            process = Process.of(train, centred(train.tips - model.tips(z, train)))
+            with_process.append(rms(test.tips, modelled + process(test)))
         rows.append((variant, model.size, errors))
         if variant == CHOSEN:
-            rows.append(("the same and a ridge regression", model.size, with_ridge))
+            rows.append(("the same and a Gaussian process", model.size, with_process))
     weights = [held_out.sum() for held_out in splits.values()]
     return markdown_table(
         ["variant", "numbers", "all fitted", *(f"{name} held out" for name in splits), "held out, all"],
@@ -415,6 +451,43 @@ def variants_table(recording: Recording, robot: str) -> str:
             for variant, size, errors in rows
         ],
     )
+
+
+def bound_table(recording: Recording, robot: str) -> str:
+    """What could be reached on held-out parts: no model, the chosen one, and both; errors [mm].
+
+    Parts are a fifth of the rows at random, a seventh of the patterns, a family of patterns, and the last two fifths of
+    the time; physics is fitted anew for each of them, but for rows and patterns, where all rows are fitted.
+    """
+    rng = np.random.default_rng(0)
+    patterns = np.array([label.removesuffix("_hold") for label in recording.labels.tolist()])
+    rank = {name: place % 7 for place, name in enumerate(dict.fromkeys(patterns.tolist()))}
+    group = np.array([rank[name] for name in patterns.tolist()])
+    fifth = rng.permutation(len(patterns)) % 5
+    families = recording.families
+    late = inner_splits(recording)["late"]
+    parts = {
+        "a fifth of the rows": [fifth == k for k in range(5)],
+        "a seventh of the patterns": [group == k for k in range(7)],
+        "a family": [families == name for name in dict.fromkeys(families.tolist())],
+        "the last two fifths of the time": [late],
+    }
+    model = Model(ROBOTS[robot], VARIANTS[CHOSEN])
+    whole = model.fit([recording], progress=f"{robot}: all rows")
+    rows = []
+    for name, splits in parts.items():
+        squares = np.zeros(3)
+        for held_out in splits:
+            train, test = recording.rows(~held_out), recording.rows(held_out)
+            refits = name not in ("a fifth of the rows", "a seventh of the patterns")
+            z = model.fit([train], whole, f"{robot}: without {name}") if refits else whole
+            mean = train.tips.mean(axis=0)
+            free = mean + Process.of(train, train.tips - mean, FREE, SLOPE)(test)
+            modelled = model.tips(z, test)
+            both = modelled + Process.of(train, centred(train.tips - model.tips(z, train)))(test)
+            squares += [held_out.sum() * rms(test.tips, tips) ** 2 for tips in (free, modelled, both)]
+        rows.append([name, *(f"{error:.2f}" for error in np.sqrt(squares / sum(part.sum() for part in splits)))])
+    return markdown_table(["held out", "no model", "physics", "both"], rows)
 
 
 def repeatability(
@@ -471,7 +544,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--robot", required=True, choices=tuple(ROBOTS))
     parser.add_argument("--fit", required=True, type=Path, metavar="FOLDER", help="with ROBOT_*.csv to fit")
     parser.add_argument("--score", type=Path, metavar="FILE.csv", help="recording to score")
-    parser.add_argument("--variants", action="store_true", help="errors of every variant on inner splits: minutes")
+    text = "errors of every variant on inner splits, or of those with NAME in theirs: minutes"
+    parser.add_argument("--variants", nargs="?", const="", metavar="NAME", help=text)
+    parser.add_argument("--bound", action="store_true", help="what could be reached without a model: minutes")
     parser.add_argument(
         "--picture", type=Path, metavar="FILE.png", help="measured and modelled tips of the scored file"
     )
@@ -486,8 +561,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         scored = read(given.score) if given.score else recording
     except InvalidInput as error:
         parser.exit(2, f"{error}\n")
-    if given.variants:
-        print(variants_table(recording, given.robot))
+    if given.variants is not None:
+        print(variants_table(recording, given.robot, given.variants))
+    if given.bound:
+        print(bound_table(recording, given.robot))
+        return
     train = recording.rows(~np.isin(recording.times, scored.times)) if given.score else recording
     if len(train.times) < 50:
         parser.exit(
@@ -508,8 +586,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"  {name}: {' '.join(f'{value:.4g}' for value in values)}" + (f" {unit}" if unit else ""))
     what = "fitted rows" if given.score is None else given.score.name
     print(f"physics: {rms(scored.tips, modelled):.2f} mm RMS on {what}")
-    ridge = Ridge.of(train, model.tips(z, train))
-    print(f"physics and a ridge regression of what it leaves: {rms(scored.tips, modelled + ridge(scored)):.2f} mm RMS")
+    process = Process.of(train, centred(train.tips - model.tips(z, train)))
+    print(
+        f"physics and a Gaussian process of what it leaves: {rms(scored.tips, modelled + process(scored)):.2f} mm RMS"
+    )
     for past, pairs, spread in repeatability(train, without_past):
         print(f"repeatability, {past}: {spread:.2f} mm over {pairs} pairs of rows with equal commands")
     if given.picture:

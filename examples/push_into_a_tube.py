@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import pyplot
 
 import rollingjoint as rj
-from rollingjoint.plotting import plot_arm, save_figure
+from rollingjoint.plotting import plot_arm, save_figure, save_wall_film
 from rollingjoint.tables import text_table
 
 TUBE = rj.Tube.through(
@@ -36,6 +36,8 @@ def main(argv: list[str] | None = None) -> None:
     figure = plot_arm(paths[-1].row(END), axes).figure
     print(f"wrote {save_figure(figure, out / 'surroundings_tube.png', dpi=110)}")
     pyplot.close(figure)
+    steps = [paths[-1].row(step) for step in range(len(FEEDS))]
+    print(f"wrote {save_wall_film(steps, FEEDS, out / 'surroundings_tube.gif')}")
 
 
 def instrument() -> rj.HingeChain:

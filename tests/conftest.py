@@ -26,10 +26,12 @@ BROWSER_FLAGS = """
 """
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
-# Modules whose tests share what takes long to make: runs, a search, a process to fork from, what ribs compiles.
+# Modules whose tests share what takes long to make: runs, a search, a cluster, a process to fork from, what ribs
+# compiles.
 ON_ONE_WORKER = {
     f"tests/agents/{module}.py": group
     for group, modules in {
+        "cluster": ("executors/test_cluster",),
         "processes": ("training/test_campaign", "training/test_resume", "tuning/test_tune"),
         "results": ("results/test_results",),
         "search": ("search/test_command", "search/test_search"),

@@ -32,6 +32,7 @@ LONG = {"fidelity", "friction_loops", "spatial_chains"}
 )
 def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [str(example), *OPTIONS.get(example.stem, [])])
+    monkeypatch.setattr("rollingjoint.plotting.film._MOST_FRAMES", 3)
     runpy.run_path(str(example), run_name="__main__")  # a new process would import for as long as most examples run
     printed, warned = capsys.readouterr()
     assert "Warning" not in warned

@@ -82,12 +82,29 @@ def test_repeatability_is_the_noise_of_equal_commands(foreign_arms):
     assert spread == pytest.approx(2.0 * np.sqrt(3.0), rel=0.15)
 
 
-def test_ridge_regression_learns_what_physics_leaves(foreign_arms):
+def test_process_learns_what_physics_leaves_and_is_silent_far_away(foreign_arms):
     recording, _, _ = made_recording(foreign_arms, np.random.default_rng(6), foreign_arms.CALIBRATED)
-    modelled = recording.tips - 2.0 * recording.motors[:, :3]
-    learned = foreign_arms.Ridge.of(recording, modelled)
-    before = foreign_arms.rms(recording.tips, modelled)
-    assert foreign_arms.rms(recording.tips, modelled + learned(recording)) < 0.6 * before
+    left = np.sin(recording.motors[:, :3])
+    seen = np.arange(len(left)) % 3 > 0
+    learned = foreign_arms.Process.of(recording.rows(seen), left[seen])
+    between = recording.rows(~seen)
+    assert np.sqrt(np.mean((learned(between) - left[~seen]) ** 2)) < 0.6 * left[~seen].std()
+    assert np.abs(learned(between._replace(motors=between.motors + 40.0))).max() < 1e-6
+
+
+def test_shifts_in_pulls_move_tendons_only_where_motors_are_let_out(foreign_arms):
+    recording, model, z = made_recording(
+        foreign_arms, np.random.default_rng(8), (*foreign_arms.CALIBRATED, "shift in pulls")
+    )
+    values = model.values(z)
+    motors = recording.motors.copy()
+    motors[3:6, 1:] = -9.9
+    bare = {**values, "shift in pulls": np.zeros(9)}
+    arm = model.arm(values)
+    moved, still = (model.unstretched(numbers, arm, recording.times, motors) for numbers in (values, bare))
+    shift = np.zeros_like(moved)
+    shift[3:6] = values["shift in pulls"]
+    np.testing.assert_allclose(moved - still, shift, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.command_line import exit_code
+from agents.runs.command_line import exit_code, note
 from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import ConfigError, InvalidInput
 
 if TYPE_CHECKING:
     from agents.rig.settings import RigSettings
 
+_NEAR_MM = 1.0  # a target that stays farther away is noted
 _FAR_MM = 20.0  # from where the unloaded mechanism comes, as designed: targets beyond are refused; loads move the tip
 
 
@@ -166,13 +167,15 @@ def _drive(arguments: argparse.Namespace) -> int:
 
 
 def _check_reach(settings: RigSettings, target: Sequence[float]) -> None:
-    """Raise ConfigError for a target that the tip of the mechanism as designed stays far away from."""
+    """Note a target that the tip of the mechanism as designed does not reach; ConfigError where it stays far away."""
     from rollingjoint import reach
 
     found = reach(settings.mechanism, target, tension_limits=(settings.guard.low, settings.guard.high))
+    near = f"the nearest place found is ({found.tip[0]:.1f}, {found.tip[1]:.1f})"
     if not found.distance < _FAR_MM:
-        near = f"the nearest place found is ({found.tip[0]:.1f}, {found.tip[1]:.1f})"
         raise ConfigError("--target", list(target), f"a place that the tip reaches [mm]; {near}")
+    if found.distance > _NEAR_MM:
+        note(f"--target {list(target)}: {near}, for the unloaded mechanism as designed")
 
 
 def _reboot(arguments: argparse.Namespace) -> int:
@@ -194,7 +197,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from rollingjoint.identify.twin import RigModel
     from rollingjoint.io.mechanism_file import load_mechanism
 
-    recording = read_recording(arguments.recording)
+    recording = read_recording(arguments.recording, note)
     mechanism = mechanism_of(recording, load_mechanism(arguments.mechanism) if arguments.mechanism else None)
     if arguments.identified:
         space, values = load_identified(arguments.identified, mechanism)

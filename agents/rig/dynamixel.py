@@ -2,8 +2,8 @@
 
 Faults of the SDK (4.1, Python) around which this driver is built: it drops the error byte of answers to synchronous
 reads, and with it hardware errors; it gives up where servos answer in another order; answers have no number, so that a
-late one is taken for the next; a port stays "in use" after an exception or Ctrl-C; the pattern FF FF FD, which goals
-beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
+late one is taken for the next, and cut to its length; a port stays "in use" after an exception or Ctrl-C; the pattern
+FF FF FD, which goals beyond 32 turns contain, goes out unstuffed; it spins while it waits, by a clock that may be set.
 """
 
 from __future__ import annotations
@@ -35,12 +35,14 @@ MOST_TURNS = 31  # beyond 32 the SDK sends goals that no motor understands
 WATCHDOG_UNIT, TRIPPED = 0.020, 0xFF
 LEAST_WATCHDOG_STEPS = 3.0
 
+_MODEL, _MODEL_SIZE = 0, 6  # with the four bytes behind it: no other part is as long
 _RETURN_DELAY, _MODE, _CURRENT_POSITION = 9, 11, 5
 _CURRENT_LIMIT, _TORQUE, _HARDWARE_ERROR, _WATCHDOG, _GOAL_CURRENT, _GOAL, _POSITION = 38, 64, 70, 98, 102, 116, 132
 _FIRST, _SIZE = _TORQUE, 72  # the block of every reading: torque, error, watchdog, goal, counter, current, position
 _TICK, _CURRENT = 120, 126
 _ALERT, _CRC = 0x80, 3
 _TICK_RANGE = 1 << 15  # the servo's counter of milliseconds
+_RUN_OUT = 40  # ticks that a motor may be turned by its tendon until torque is on, which takes that place as its goal
 _OLD_MS = 12.0  # by which an answer may lag behind the clock before it counts as one to an earlier question
 _RETRIES = 2
 PORT_ERRORS: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
@@ -156,40 +158,52 @@ class Dynamixels:
     def connect(self) -> None:
         """Check every motor, and configure it; torque goes off only where the mode has to change."""
         self._drain()
+        self._counters.clear()
         for ident in self.ids:
             self._check_model(ident)
-            if error := self._get(ident, _HARDWARE_ERROR, 1):
+            if error := self._block(ident)[_HARDWARE_ERROR - _FIRST]:
                 raise HardwareAlert(f"motor {ident} has the hardware error {error:#04x}: find out why, then reboot it")
         for ident in self.ids:
             self._configure(ident)
 
     def _check_model(self, ident: int) -> None:
-        model = result = None
-        for _ in range(1 + _RETRIES):
-            model, result, _ = self.handler.ping(self.port, ident)
-            if result == dxl.COMM_SUCCESS:
-                break
-        if result != dxl.COMM_SUCCESS:
-            raise BusLost(f"motor {ident} does not answer at {self.settings.port}: {self._words(result)}")
+        try:
+            model = int.from_bytes(self._asked_for(ident, _MODEL, _MODEL_SIZE)[:2], "little")
+        except BusLost as error:
+            raise BusLost(f"motor {ident} does not answer at {self.settings.port}: {error}") from error
         if model != MODEL:
             raise RigError(f"motor {ident} is model {model}; this driver knows {MODEL}, XM430-W350, alone")
 
     def _configure(self, ident: int) -> None:
         self._set(ident, _WATCHDOG, 1, 0)
+        modes = self._modes(ident)
         for at, value in ((_RETURN_DELAY, 0), (_MODE, _CURRENT_POSITION)):
-            if self._get(ident, at, 1) != value:
+            if modes[at] != value:
                 self._set(ident, _TORQUE, 1, 0)
                 self._set(ident, at, 1, value)
-        limit = self._get(ident, _CURRENT_LIMIT, 2)
+        limit = int.from_bytes(self._asked_for(ident, _CURRENT_LIMIT, 2), "little")
         if self.settings.current_limit is not None:
             ampere = self.settings.current_limit * self.spools.radius_mm * 1e-3 / NEWTON_METRE_PER_AMPERE
             limit = min(limit, max(1, int(ampere / AMPERE_PER_COUNT)))
-        self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+        goal = self._signed_in(self._block(ident), _POSITION, 4)
+        self._set(ident, _GOAL, 4, goal)
         self._set(ident, _GOAL_CURRENT, 2, limit)
         self._set(ident, _TORQUE, 1, 1)
         self._set(ident, _WATCHDOG, 1, self._watchdog)
-        if (shown := self._get(ident, _WATCHDOG, 1)) != self._watchdog:
-            raise RigError(f"motor {ident} shows a watchdog of {shown}, not {self._watchdog}, after it was set")
+        block, modes = self._block(ident), self._modes(ident)
+        for what, shown, value, margin in (
+            ("mode", modes[_MODE], _CURRENT_POSITION, 0),
+            ("goal", self._signed_in(block, _GOAL, 4), goal, _RUN_OUT),
+            ("limit of current", self._signed_in(block, _GOAL_CURRENT, 2), limit, 0),
+            ("torque", block[_TORQUE - _FIRST], 1, 0),
+            ("watchdog", block[_WATCHDOG - _FIRST], self._watchdog, 0),
+        ):
+            if abs(shown - value) > margin:
+                raise RigError(f"motor {ident} shows a {what} of {shown}, not {value}, after it was set")
+
+    def _modes(self, ident: int) -> dict[int, int]:
+        content = self._asked_for(ident, _RETURN_DELAY, _MODE + 1 - _RETURN_DELAY)
+        return {at: content[at - _RETURN_DELAY] for at in (_RETURN_DELAY, _MODE)}
 
     def read(self) -> RigReading:
         """Positions [mm].
@@ -200,7 +214,7 @@ class Dynamixels:
             BusLost: no answer three times in a row.
         """
         before = self.counts["retries"]
-        blocks = self._blocks()
+        blocks = self._blocks(self.ids)
         now = self.clock.now()
         self._check(blocks)
         ticks = np.array([self._signed_in(blocks[ident], _POSITION, 4) for ident in self.ids])
@@ -225,34 +239,41 @@ class Dynamixels:
         if problems:
             raise HardwareAlert("; ".join(problems))
 
-    def _blocks(self) -> dict[int, bytes]:
-        """The block of every motor, whatever the order of answers; asked again where one is missing."""
+    def _block(self, ident: int) -> bytes:
+        return self._asked_for(ident, _FIRST, _SIZE)
+
+    def _asked_for(self, ident: int, at: int, size: int) -> bytes:
+        return self._blocks([ident], at, size)[ident]
+
+    def _blocks(self, ids: list[int], at: int = _FIRST, size: int = _SIZE) -> dict[int, bytes]:
+        """A part of the table of every motor, whatever the order of answers; asked again where one is missing."""
         self.counts["reads"] += 1
         blocks: dict[int, bytes] = {}
         result = dxl.COMM_SUCCESS
         for _ in range(1 + _RETRIES):
-            answered, result = self._asked()
+            answered, result = self._asked(ids, at, size)
             blocks |= answered
-            if len(blocks) == len(self.ids):
+            if len(blocks) == len(ids):
                 return blocks
             self.counts["retries"] += 1
             self.counts["damaged" if result == dxl.COMM_RX_CORRUPT else "time-outs"] += 1
-        missing = [ident for ident in self.ids if ident not in blocks]
+        missing = [ident for ident in ids if ident not in blocks]
         raise BusLost(f"motors {missing} did not answer {1 + _RETRIES} times: {self._words(result)}")
 
-    def _asked(self) -> tuple[dict[int, bytes], int]:
+    def _asked(self, ids: list[int], at: int, size: int) -> tuple[dict[int, bytes], int]:
+        """Answers have no number: only parts of unlike sizes are asked for, and the block tells its time."""
         blocks: dict[int, bytes] = {}
         self.port.is_using = False
-        result = self.handler.syncReadTx(self.port, _FIRST, _SIZE, self.ids, len(self.ids), False)
-        while result == dxl.COMM_SUCCESS and len(blocks) < len(self.ids):
-            self.port.setPacketTimeout(_SIZE + 11)
+        result = self.handler.syncReadTx(self.port, at, size, ids, len(ids), False)
+        while result == dxl.COMM_SUCCESS and len(blocks) < len(ids):
+            self.port.setPacketTimeout(size + 11)
             raw, result = self.handler.rxPacket(self.port, False)
             if result != dxl.COMM_SUCCESS:
                 break
-            ident, content = raw[4], bytes(raw[9 : 9 + _SIZE])
-            if ident not in self.ids or raw[7] != 0x55 or raw[5] + 256 * raw[6] != _SIZE + 4:
+            ident, content = raw[4], bytes(raw[9 : 9 + size])
+            if ident not in ids or raw[7] != 0x55 or raw[5] + 256 * raw[6] != size + 4:
                 continue  # the answer to another question
-            if self._is_old(ident, int.from_bytes(content[_TICK - _FIRST : _TICK - _FIRST + 2], "little")):
+            if at == _FIRST and self._is_old(ident, self._signed_in(content, _TICK, 2)):
                 self.counts["old"] += 1
                 continue
             blocks[ident] = content
@@ -297,21 +318,30 @@ class Dynamixels:
         held = True
         for ident in self.ids:
             try:
-                if self._get(ident, _HARDWARE_ERROR, 1) or not self._get(ident, _TORQUE, 1):
-                    held = False  # it cannot hold
-                    continue
-                if self._get(ident, _WATCHDOG, 1) == TRIPPED:
-                    continue  # it stands, and takes no goals
-                self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+                held &= self._holds(ident)
             except RigError:
                 held = False
         return held
+
+    def _holds(self, ident: int) -> bool:
+        """Give a motor its position as its goal; whether it shows it."""
+        for _ in range(1 + _RETRIES):
+            block = self._block(ident)
+            if block[_HARDWARE_ERROR - _FIRST] or not block[_TORQUE - _FIRST]:
+                return False  # it cannot hold
+            if block[_WATCHDOG - _FIRST] == TRIPPED:
+                return True  # it stands, and takes no goals
+            at = self._signed_in(block, _POSITION, 4)
+            self._set(ident, _GOAL, 4, at)
+            if self._signed_in(self._block(ident), _GOAL, 4) == at:
+                return True
+        return False
 
     def release_watchdogs(self) -> None:
         """Let motors that their watchdogs have stopped take goals again, which are where they stand."""
         for ident in self.ids:
             self._set(ident, _WATCHDOG, 1, 0)
-            self._set(ident, _GOAL, 4, self._signed(self._get(ident, _POSITION, 4), 4))
+            self._set(ident, _GOAL, 4, self._signed_in(self._block(ident), _POSITION, 4))
             self._set(ident, _WATCHDOG, 1, self._watchdog)
 
     def reboot(self, ident: int) -> None:
@@ -330,18 +360,6 @@ class Dynamixels:
                 self._set(ident, _WATCHDOG, 1, 0)
         with suppress(*PORT_ERRORS):
             self.port.closePort()
-
-    def _get(self, ident: int, at: int, size: int) -> int:
-        content: list[int] = []
-        result = None
-        for _ in range(1 + _RETRIES):
-            self.port.is_using = False
-            content, result, _ = self.handler.readTxRx(self.port, ident, at, size)
-            if result == dxl.COMM_SUCCESS and len(content) == size:
-                return int.from_bytes(bytes(content), "little")
-            self.counts["retries"] += 1
-            self._drain(0.005)
-        raise BusLost(f"reading {at} of motor {ident}: {self._words(result)}")
 
     def _set(self, ident: int, at: int, size: int, value: int) -> None:
         content = list(int(value).to_bytes(size, "little", signed=value < 0))
@@ -370,10 +388,6 @@ class Dynamixels:
 
     def _words(self, result: int | None) -> str:
         return "" if result is None else str(self.handler.getTxRxResult(result)).replace("[TxRxResult] ", "")
-
-    @staticmethod
-    def _signed(value: int, size: int) -> int:
-        return value - (1 << 8 * size) if value >= 1 << (8 * size - 1) else value
 
     @staticmethod
     def _signed_in(block: bytes, at: int, size: int) -> int:

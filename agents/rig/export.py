@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from agents.rig.protocols import Array
+from agents.runs.command_line import note
 from rollingjoint.errors import ConfigError, naming_extras
 from rollingjoint.identify import RecordedRun, read_recording
 
@@ -25,7 +26,7 @@ def write_minari(path: str | Path, where: str | Path) -> tuple[Path, int]:
         ConfigError: a file that cannot be read. RunFolderError: a dataset or folder that is there already.
         MissingPackage: without the extra `data`.
     """
-    recording = read_recording(path)
+    recording = read_recording(path, note)
     with naming_extras("data"):
         from minari.data_collector import EpisodeBuffer
 
@@ -61,7 +62,7 @@ def write_parquet(path: str | Path, table: str | Path) -> int:
         ConfigError: a recording that cannot be read, a file that is there or cannot be written. MissingPackage: without
             the extra `parquet`.
     """
-    recording, table = read_recording(path), Path(table)
+    recording, table = read_recording(path, note), Path(table)
     with naming_extras("parquet"):
         import pyarrow
         import pyarrow.parquet

@@ -60,6 +60,11 @@ def signals_seen() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+def note(text: str) -> None:
+    """Print a line about a result to standard error."""
+    print("note:", text, file=sys.stderr)
+
+
 def progress_bar(total: int, unit: str, **arguments: Any) -> Any:
     """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
     from tqdm import tqdm  # comes with the extras that train and search

@@ -113,7 +113,8 @@ def recording_page(recording: RigRecording, space: RigSpace, values: Array, rate
     for (name, *_), path in zip(rigs, paths, strict=True):
         away = np.linalg.norm(path.tip[:, : mechanism.dimension] - run.tips[:, : mechanism.dimension], axis=1)
         away = away[path.ok & np.isfinite(away)]
-        lost = f", {int((~path.ok).sum())} steps without an equilibrium" if not path.ok.all() else ""
+        count = int((~path.ok).sum())
+        lost = f", {count} step{'s' * (count > 1)} without an equilibrium" if count else ""
         if away.size or lost:
             error = f"tip off by {np.sqrt(np.mean(away**2)):.2f} mm rms" if away.size else "no tip"
             lines.append(f"<br>{name}: {error}{lost}")

@@ -99,8 +99,8 @@ class WallsCanvas(Canvas):
             if size > 0.02:
                 self.arrow(pose[:2] - force / size * (_STEM + _ARROW * min(size, 3.0)) * self.unit, pose[:2], LOAD)
         error = float(np.hypot(*(scene.tip - scene.target)))
-        words = f"wall {scene.wall_force:.2f} N, largest {scene.peak:.2f} N"
-        self.captions((f"step {scene.step} / {scene.steps}", INK), (f"error {error:.1f} mm", TARGET), (words, LOAD))
+        forces = (f"wall {scene.wall_force:.2f} N", LOAD), (f"largest {scene.peak:.2f} N", LOAD)
+        self.captions((f"step {scene.step} / {scene.steps}", INK), (f"error {error:.1f} mm", TARGET), *forces)
         for j, tension in enumerate(scene.tensions):
             self.tension_bar(j, float(tension), scene.tension_range)
         return self.finished()

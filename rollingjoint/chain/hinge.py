@@ -274,7 +274,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         """World points of every tendon's holes below and above each hinge, base to end, a list of (k, 3) [mm]."""
         T, lines = np.asarray(poses, float), []
         for holes in self._holes:
-            points = [np.array([*holes[0], -0.5 * self.beads[0].gap])]
+            points = [T[0, :3, :3] @ np.array([*holes[0], -0.5 * self.beads[0].gap]) + T[0, :3, 3]]
             for i in range(len(holes) - 1):
                 hinge = se3.pose(T[i + 1, :3, :3], T[i, :3, 3])
                 upper = [*holes[i + 1], 0.5 * self.beads[i].gap]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 
+from rollingjoint.cli.case_options import note
 from rollingjoint.errors import InvalidInput
 
 _DEFAULT = "mu"
@@ -68,7 +70,7 @@ def _run_recording(args: argparse.Namespace, folder: Path | None) -> None:
     for option in ("given", "method"):
         if getattr(args, option):
             raise InvalidInput(f"--{option}", getattr(args, option), "an option of measurement files", "Leave it out.")
-    recording = read_recording(args.measurements)
+    recording = read_recording(args.measurements, partial(note, args))
     mechanism = load_mechanism(args.mechanism) if args.mechanism else None
     found = identify_rig(recording, mechanism, _names(args.parameters) if args.parameters else None)
     if folder is not None:

@@ -59,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> bool:
     """Print the path that the options define, and draw it; returns whether all its steps are usable."""
     mechanism = load_mechanism(args.mechanism)
-    _check_picture(args, mechanism.dimension)
+    _check_picture(args)
     traced = _traced(args, mechanism)
     print(traced.as_json() if args.json else traced.as_csv() if args.csv else traced.as_table())
     if args.plot:
@@ -144,7 +144,7 @@ def _bases(base: Any, columns: Mapping[str, Array], feeds: Array | None, count: 
     return np.stack([x - ways * np.sin(angle), y + ways * np.cos(angle), np.full(count, angle)], axis=1)
 
 
-def _check_picture(args: argparse.Namespace, dimension: int) -> None:
+def _check_picture(args: argparse.Namespace) -> None:
     if args.plot:
         from rollingjoint.plotting.figure import check_figure_path
         from rollingjoint.plotting.film import ANIMATED
@@ -152,8 +152,6 @@ def _check_picture(args: argparse.Namespace, dimension: int) -> None:
         check_figure_path(args.plot, more=(ANIMATED,))
         if args.surroundings is None:
             raise InvalidInput("--plot", args.plot, "--surroundings beside it", "rj loop draws paths without walls.")
-        if dimension == 3 and args.plot.lower().endswith(f".{ANIMATED}"):
-            raise InvalidInput("--plot", args.plot, "a picture, such as path.png: films are of planar chains")
 
 
 def _draw(traced: TracedPath, path: str) -> None:

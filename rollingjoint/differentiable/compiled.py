@@ -47,7 +47,7 @@ def solve_compiled(
     status = torch.full(mask.shape, int(Status.INVALID_INPUT), device=mask.device)
     if not bool(mask.any()):
         none = np.zeros(mask.numel(), bool)
-        return phi, held, status, None if among is None else among.solved(np.flatnonzero(none), none)
+        return phi, held, status, None if among is None else among.solved(starts.shape[-1], np.flatnonzero(none), none)
     mechanisms = tuple(chain for place in places[buildable].tolist() if (chain := built[place]) is not None)
 
     def rows(values: Tensor, axes: int = 1) -> np.ndarray:
@@ -78,7 +78,7 @@ def solve_compiled(
     if among is not None:
         step, good = equilibrium.walls, (status <= int(Status.AT_LIMIT)).reshape(-1).numpy()
         touched = step.memory or step.touched(inputs[2:4], equilibrium.joint_angles)[0].after
-        among = among.solved(places, good, step, touched)
+        among = among.solved(begin.shape[1], places, good, step, touched)
     return phi, held, status, among
 
 

@@ -29,9 +29,11 @@ from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.parameters import ChainTensors
 from rollingjoint.differentiable.spatial_equilibria import SpatialEquilibria
 from rollingjoint.differentiable.spatial_statics import state_at
+from rollingjoint.differentiable.spatial_surroundings import DifferentiableSpatialSurroundings
+from rollingjoint.differentiable.spatial_walled import SpatialWalledEquilibria, state_among
 from rollingjoint.differentiable.statics import Law
-from rollingjoint.differentiable.surroundings import DifferentiableSurroundings
-from rollingjoint.differentiable.walled import Among, PinnedWalls, WalledEquilibria, state_among
+from rollingjoint.differentiable.surroundings import DifferentiableSurroundings, WallTensors
+from rollingjoint.differentiable.walled import Among, PinnedWalls, WalledEquilibria
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.arrays import LARGEST_INPUT
@@ -57,7 +59,7 @@ def solve_tensions(
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
     steps: int | None = None,
-    surroundings: DifferentiableSurroundings | Surroundings | None = None,
+    surroundings: WallTensors | Surroundings | None = None,
     base: Tensor | Sequence[float] = ORIGIN,
 ) -> Equilibria:
     """Equilibria under given tensions.
@@ -78,14 +80,17 @@ def solve_tensions(
             each row has arrived. With `steps`, a row that has not arrived is NOT_CONVERGED, where it would otherwise
             go to the compiled solver; a piece of a surface that turns by more than 11 rad is INVALID_INPUT, and so is
             a wrong link in a load table.
-        surroundings: walls around planar chains, with leading axes of the batch or none; None: none. Rows then go to
-            the compiled solver, whichever is named. Friction of walls acts where the history is among walls, too.
-        base: pose of the base among them, (..., 3) x, y [mm], angle [rad].
+        surroundings: walls, DifferentiableSurroundings or DifferentiableSpatialSurroundings, with leading axes of the
+            batch or none; None: none. Rows then go to the compiled solver, whichever is named. Friction of walls acts
+            where the history is among walls, too.
+        base: pose of the base among them, (..., 3) x, y [mm], angle [rad]; in space (..., 3) x, y, z, or (..., 6), with
+            a rotation vector.
     Returns:
-        Equilibria, WalledEquilibria among walls; look at `ok`. A design that cannot be built, like numbers that are
-        not finite, is INVALID_INPUT.
+        Equilibria, WalledEquilibria among walls, in space SpatialEquilibria and SpatialWalledEquilibria; look at `ok`.
+        A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls of the plane
+            around chains in space, or the other way round.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
     with without_looking(_fixed(steps, solver)):
@@ -103,7 +108,7 @@ def solve_lengths(
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
     steps: int | None = None,
-    surroundings: DifferentiableSurroundings | Surroundings | None = None,
+    surroundings: WallTensors | Surroundings | None = None,
     base: Tensor | Sequence[float] = ORIGIN,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
@@ -115,7 +120,8 @@ def solve_lengths(
     Returns:
         Equilibria; look at `ok`.
     Raises:
-        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls in space.
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist, walls of the plane
+            around chains in space, or the other way round.
     """
     command = _numbers(design, "lengths", lengths, design.n_tendons)
     limits = [_on_device(design, limit) for limit in tension_limits]
@@ -187,7 +193,7 @@ def _solve(
 
 def _around(
     design: ChainTensors,
-    surroundings: DifferentiableSurroundings | Surroundings | None,
+    surroundings: WallTensors | Surroundings | None,
     base: Tensor | Sequence[float],
     history: History,
     steps: int | None,
@@ -195,18 +201,21 @@ def _around(
     """The checked walls; None without."""
     if surroundings is None:
         return None
-    if not isinstance(design, DifferentiableChain):
-        raise InvalidInput("surroundings", surroundings, "None for chains in space", "Walls are for planar chains.")
     if steps is not None or design.device.type != "cpu":
         raise InvalidInput("surroundings", surroundings, "None beside steps and on devices")
-    if not isinstance(surroundings, DifferentiableSurroundings):
-        surroundings = DifferentiableSurroundings.of(surroundings, design.mechanism(0))
-    place = _numbers(design, "base", torch.as_tensor(base, dtype=torch.float64), 3)
-    if history is None or not surroundings.rubs:
-        return Among(surroundings, place)
+    planar = isinstance(design, DifferentiableChain)
+    kind: type[WallTensors] = DifferentiableSurroundings if planar else DifferentiableSpatialSurroundings
+    given: Any = surroundings
+    walls = given if isinstance(given, kind) else kind.of(given, design.mechanism(0))
+    place = torch.as_tensor(base, dtype=torch.float64)
+    if not planar and place.ndim and place.shape[-1] == 3:
+        place = pad(place, (0, 3))
+    place = _numbers(design, "base", place, kind.base_size)
+    if history is None or not walls.rubs:
+        return Among(walls, place)
     if not isinstance(history, WalledEquilibria):
         raise InvalidInput("history", type(history).__name__, "equilibria among walls, for friction of walls")
-    return Among(surroundings, place, history.wall_memory, history.walled)
+    return Among(walls, place, history.wall_memory, history.walled)
 
 
 def _search_among(
@@ -293,8 +302,11 @@ def tied(
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
     moved = contact.moved((phi - angle) / kappa)
-    kind = Equilibria if geometry.planes is None else SpatialEquilibria
-    kind = kind if among is None else WalledEquilibria
+    in_space = geometry.planes is not None
+    if among is None:
+        kind = SpatialEquilibria if in_space else Equilibria
+    else:
+        kind = SpatialWalledEquilibria if in_space else WalledEquilibria
     return kind(status, ~held, moved.s, state_among(state_at(geometry, law, loads, phi, moved), among))
 
 

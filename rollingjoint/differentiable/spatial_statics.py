@@ -146,7 +146,12 @@ class SpatialState(ChainState):
     def _pole_stiffness(self) -> Tensor:
         """Stiffness from the moment arms of the loads, which change with the moving contacts, (..., J)."""
         normal = self._in_space(1j * self.joints.pole)
-        return (normal * self.acting.forces).sum(-1)
+        return (normal * self.outer_forces).sum(-1)
+
+    @property
+    def outer_couples(self) -> Tensor:
+        """Moments about every contact on the links beyond it that no tendon exerts, (..., J, 3) [N·mm]."""
+        return self.acting.couples
 
     @cached_property
     def reactions(self) -> Tensor:
@@ -162,7 +167,7 @@ class SpatialState(ChainState):
             (arm.real * in_plane.imag - arm.imag * in_plane.real).sum(-2),
         )
         parts = []
-        for (plane, axial), loads in ((force, self.acting.forces), (moment, self.acting.couples)):
+        for (plane, axial), loads in ((force, self.outer_forces), (moment, self.outer_couples)):
             lateral, vertical, about = (self.directions @ loads[..., None])[..., 0].unbind(-1)
             turned = self.joints.tangent.conj() * (plane - torch.complex(lateral, vertical))
             parts += [turned.real, turned.imag, axial - about]

@@ -220,7 +220,7 @@ class ChainState:
 
     @property
     def outer_forces(self) -> Tensor:
-        """Forces on the links beyond every joint that no tendon exerts, complex (..., J) [N]."""
+        """Forces on the links beyond every joint that no tendon exerts, complex (..., J), in space (..., J, 3) [N]."""
         return self.acting.forces
 
     @property

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rollingjoint.chain.wall_step import WallStep, n_candidates, new_wall_arrays
-from rollingjoint.differentiable.contact import FIRM, ContactsAtPose, TouchMemory, WallProblem
+from rollingjoint.chain.wall_step import WallStep, new_wall_arrays
+from rollingjoint.differentiable.contact import ContactsAtPose, PlanarWallProblem
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.geometry import turned
 from rollingjoint.differentiable.loads import cross, dot
+from rollingjoint.differentiable.pairs import FIRM, WallProblem
 from rollingjoint.differentiable.statics import ChainState
-from rollingjoint.differentiable.surroundings import DifferentiableSurroundings, numeric
+from rollingjoint.differentiable.surroundings import WallTensors, numeric
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.kernels.wall_contacts import PENALTY
-from rollingjoint.kernels.walled_solve import WallArrays
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,17 +33,17 @@ class Among:
     """The walls around a batch, whose rows are flattened to B, and where its bases are.
 
     Args:
-        surroundings: with leading axes of the batch, or none. base: poses, (..., 3) [mm, rad].
-        before: the memory of contacts, (B, candidates), for a step with friction of walls.
+        surroundings: with leading axes of the batch, or none. base: poses, (..., 3), in space (..., 6) [mm, rad].
+        before: the memory of contacts, with one axis of B, for a step with friction of walls.
         past: the state before such a step.
         after: the memory after it; problem: the contacts at the equilibria; None before the solve.
     """
 
-    surroundings: DifferentiableSurroundings
+    surroundings: WallTensors
     base: Tensor
-    before: TouchMemory | None = None
-    past: WalledState | None = None
-    after: TouchMemory | None = None
+    before: Any = None
+    past: Any = None
+    after: Any = None
     problem: WallProblem | None = None
 
     @property
@@ -67,25 +68,30 @@ class Among:
     def expanded(self, batch: tuple[int, ...]) -> Among:
         """With the axes of a batch; raises InvalidInput for a history of other rows."""
         around, rows = self.surroundings, int(np.prod(batch))
-        if self.before is not None and len(self.before.states) != rows:
+        if self.before is not None and len(self.before.normals) != rows:
             expected = f"{rows}, as of this batch, for friction of walls"
-            raise InvalidInput("rows of the history", len(self.before.states), expected)
+            raise InvalidInput("rows of the history", len(self.before.normals), expected)
         if not self.single:
             around = around.each(lambda tensor, axes: tensor.expand(*batch, *tensor.shape[tensor.ndim - axes :]))
-        return replace(self, surroundings=around, base=self.base.expand(*batch, 3))
+        return replace(self, surroundings=around, base=self.base.expand(*batch, self.base.shape[-1]))
 
-    def arrays(self, rows: Indices, n_joints: int) -> WallArrays:
+    def arrays(self, rows: Indices, n_joints: int) -> Any:
         """The walls of some rows of the batch, as kernels take them, with what they remember."""
         walls = numeric(self.surroundings.tables(), self.surroundings.rigid)
         which = np.zeros(len(rows), np.int64) if self.single else rows
-        base = np.ascontiguousarray(self.base.detach().reshape(-1, 3).numpy()[rows])
+        base = np.ascontiguousarray(self.base.detach().reshape(self.rows, -1).numpy()[rows])
         arrays = new_wall_arrays(walls, which, base, n_joints)
         for values, mine in zip(arrays.before, self.before or (), strict=False):
             values[:] = mine.detach().numpy()[rows]
         return arrays
 
     def solved(
-        self, rows: Indices, good: NDArray[np.bool_], step: WallStep | None = None, touched: Sequence[Array] = ()
+        self,
+        n_joints: int,
+        rows: Indices,
+        good: NDArray[np.bool_],
+        step: WallStep | None = None,
+        touched: Sequence[Array] = (),
     ) -> Among:
         """With the contacts at the equilibria.
 
@@ -93,39 +99,34 @@ class Among:
             rows: of the batch that were solved. good: those of the batch with an equilibrium, (B,).
             step: their results. touched: what contact remembers after it.
         """
-        tables = self.surroundings.tables()
-        shape = self.rows, n_candidates(tables)
-
-        def whole(values: Array | None) -> Array:
-            every = np.zeros(shape)
-            if values is not None:
-                every[rows] = values
-            return every
-
-        normals, gaps = (whole(None if step is None else getattr(step, name)) for name in ("normals", "gaps"))
+        kind = self.surroundings.problem
+        blank = self.arrays(np.zeros(self.rows, np.int64), n_joints).after
+        for whole, values in zip(blank, touched, strict=False):
+            whole[rows] = values
+        gaps = np.zeros_like(blank.normals)
+        normals = np.zeros_like(gaps)
+        if step is not None:
+            normals[rows], gaps[rows] = step.normals, step.gaps
         presses = normals > 0.0
-        remembered = np.zeros(shape, bool) if self.before is None else self.before.normals.detach().numpy() > 0.0
-        problem = WallProblem(
-            tables=tables,
+        remembered = np.zeros_like(presses) if self.before is None else self.before.normals.detach().numpy() > 0.0
+        nothing = [torch.zeros(values.shape, dtype=torch.float64) for values in blank]
+        problem = kind(
+            tables=self.surroundings.tables(),
             which=np.zeros(self.rows, np.int64) if self.single else np.arange(self.rows),
             rigid=self.surroundings.rigid,
             rubs=self.before is not None,
             chosen=(presses | remembered) & good[:, None],
-            before=self.before or TouchMemory(*(torch.zeros(shape, dtype=torch.float64) for _ in TouchMemory._fields)),
+            before=self.before or kind.memory_class(*nothing),
             multipliers=torch.as_tensor(normals + PENALTY * FIRM * np.where(presses, gaps, 0.0)),
         )
-        names = TouchMemory._fields
-        remembers = {name: torch.as_tensor(whole(values)) for name, values in zip(names, touched, strict=False)}
-        after = TouchMemory(**{name: remembers.get(name, torch.zeros(shape, dtype=torch.float64)) for name in names})
-        return replace(self, after=after, problem=problem)
+        return replace(self, after=kind.memory_class(*map(torch.as_tensor, blank)), problem=problem)
 
     def tied(self) -> Among:
         """With tensors that depend on the parameters of the walls, and on the steps before."""
         assert self.problem is not None
         problem = replace(self.problem, tables=self.surroundings.tables())
         if self.before is not None and self.past is not None:
-            slips = self.past.slips_of(problem.chosen, self.before.slips)
-            problem = replace(problem, before=self.before._replace(slips=slips))
+            problem = replace(problem, before=self.past.recalled(problem.chosen, self.before))
         return replace(self, problem=problem)
 
 
@@ -173,7 +174,7 @@ class WalledState(ChainState):
         assert self.among.problem is not None
         return self._contact_in(self.among.problem)
 
-    def _contact_in(self, problem: WallProblem | LinearContact) -> ContactsAtPose:
+    def _contact_in(self, problem: Any) -> ContactsAtPose:
         batch, n = self.among.base.shape[:-1], self.link_angles.shape[-1]
         places, angles = self.in_world(self.positions), self.link_angles + self.among.base[..., 2:]
         return problem.at(
@@ -185,11 +186,11 @@ class WalledState(ChainState):
         x, y, angle = self.among.base[..., None].unbind(-2)
         return torch.complex(x, y) + turned(angle) * points
 
-    def slips_of(self, chosen: NDArray[np.bool_], slips: Tensor) -> Tensor:
-        """The ways of contact at this pose, with gradients where candidates are chosen."""
-        assert isinstance(self.among.problem, WallProblem)
+    def recalled(self, chosen: NDArray[np.bool_], memory: Any) -> Any:
+        """A memory of this pose with the gradients of the ways, where candidates are chosen."""
+        assert isinstance(self.among.problem, PlanarWallProblem)
         there = self._contact_in(replace(self.among.problem, chosen=chosen)).slips
-        return slips + there - there.detach()
+        return memory._replace(slips=memory.slips + there - there.detach())
 
     def rows(self, values: Tensor) -> Tensor:
         """Values (B, ...) with the axes of the batch."""
@@ -243,22 +244,16 @@ class WalledEquilibria(Equilibria):
     """
 
     @property
-    def walled(self) -> WalledState:
+    def walled(self) -> Any:
         """The chains among their walls."""
-        assert isinstance(self._state, WalledState)
         return self._state
 
     @property
-    def wall_memory(self) -> TouchMemory:
-        """What contact remembers, for the next step, (B, candidates)."""
-        among, contact = self.walled.among, self.walled.contact
-        assert isinstance(among, Among) and among.after is not None
-        after = among.after
+    def wall_memory(self) -> Any:
+        """What contact remembers, for the next step, with one axis of all rows."""
+        after, contact = self.walled.among.after, self.walled.contact
         tied = {name: getattr(contact, name) for name in ("states", "normals")}
-        presses = after.normals > 0.0
-        return after._replace(
-            **{name: getattr(after, name) + presses * (tensor - tensor.detach()) for name, tensor in tied.items()}
-        )
+        return after._replace(**{name: getattr(after, name) + t - t.detach() for name, t in tied.items()})
 
     @cached_property
     def wall_forces(self) -> Tensor:
@@ -289,17 +284,9 @@ class WalledEquilibria(Equilibria):
     def dissipated_work(self) -> Tensor:
         """(...) energy that friction dissipated in the step since the history, at walls and in holes [N·mm]."""
         walled = self.walled
-        problem = walled.among.problem
-        assert isinstance(problem, WallProblem)
-        work = 0.5 * (walled.contact.normals + problem.before.normals) * walled.contact.works
+        before = walled.among.problem.before
+        work = 0.5 * (walled.contact.normals + before.normals) * walled.contact.works
         return super().dissipated_work + self._shown(walled.rows(work.sum(-1))) * self.ok
 
     def _of_candidates(self, name: str) -> Tensor:
         return self._shown(self.walled.rows(getattr(self.walled.contact, name)))
-
-
-def state_among(state: ChainState, among: Among | PinnedWalls | None) -> ChainState:
-    """The state, among walls if there are any."""
-    if among is None:
-        return state
-    return WalledState(**{field.name: getattr(state, field.name) for field in fields(ChainState)}, among=among)

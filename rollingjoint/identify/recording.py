@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.checks import as_integer
+from rollingjoint.checks import as_integer, as_positive
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_from_dict, mechanism_to_dict
 
@@ -26,6 +27,8 @@ LONGEST_LINE = 100_000  # characters
 MOST_STEPS = 2_000  # that an identification goes through; longer recordings are thinned
 READINGS = ("motors", "tensions", "tip")
 LARGEST = 10_000.0  # of any reading [mm, N]
+LOWEST_TENSION = -5.0  # that noise and drift of a load cell explain [N]: tendons pull
+_INFINITE = 1e300  # numbers beyond it are none
 _NEARLY = 0.95  # of the steps that may be left: thinning looks for no better distance
 _WINDOW = 16  # steps in which the next turning point is looked for first
 _AXES = "xyz"
@@ -59,6 +62,10 @@ class RecordedRun:
                 allowed = f"numbers from {-LARGEST:g} to {LARGEST:g} [{unit}]"
                 hint = "Leave out what was not read."
                 raise InvalidInput(f"{name} of run {self.name}", float(values[far][0]), allowed, hint)
+        if (pushes := self.tensions < LOWEST_TENSION).any():
+            allowed = f"numbers from {LOWEST_TENSION:g} to {LARGEST:g} [N], positive where a tendon pulls"
+            hint = "Turn the sign of the load cell, or weigh it again without a tendon."
+            raise InvalidInput(f"tensions of run {self.name}", float(self.tensions[pushes][0]), allowed, hint)
         if (np.diff(self.t) <= 0).any():
             raise InvalidInput(
                 f"times of run {self.name}",
@@ -148,11 +155,13 @@ def _turning_points(motors: Array, distance: float) -> NDArray[np.int64]:
     return np.array(turns if len(turns) > 1 else [0, len(motors) - 1])
 
 
-def read_recording(path: str | Path) -> RigRecording:
+def read_recording(path: str | Path, remark: Callable[[str], object] = warnings.warn) -> RigRecording:
     """The recording in a file: JSON Lines, or CSV where its name ends in .csv.
 
-    The last line of a run that was cut off is left out.
+    The last line of a run that was cut off is left out, and so are steps without a time or a motor position.
 
+    Args:
+        path: of the file. remark: called with a line that counts steps left out, if there are any.
     Raises:
         ConfigError: a file that cannot be read, a wrong key or number, with the line.
     """
@@ -168,7 +177,7 @@ def read_recording(path: str | Path) -> RigRecording:
     text = content.decode("utf-8", errors="replace")
     header, lines = _csv_lines(text, str(path)) if path.suffix.lower() == ".csv" else _json_lines(text, str(path))
     mechanism = None if header.get("mechanism") is None else _mechanism(header["mechanism"], path)
-    return _recording(header, lines, mechanism, str(path))
+    return _recording(header, lines, mechanism, str(path), remark)
 
 
 def _mechanism(value: object, path: Path) -> AnyChain:
@@ -189,7 +198,7 @@ def _json_lines(text: str, where: str) -> tuple[Mapping[str, Any], Iterable[tupl
         if len(line) > LONGEST_LINE:
             raise ConfigError(place, f"{len(line):,} characters", f"at most {LONGEST_LINE:,}")
         try:
-            values = json.loads(line, parse_constant=lambda _: None)
+            values = json.loads(line, parse_constant=lambda name: None if name == "NaN" else float(name))
         except (ValueError, RecursionError):
             if number == len(lines) and not text.endswith("\n"):
                 break  # cut off while it was written
@@ -201,6 +210,8 @@ def _json_lines(text: str, where: str) -> tuple[Mapping[str, Any], Iterable[tupl
         hint = 'The first line is {"format": "' + FORMAT + '", "version": 1, "mechanism": "five_link"}.'
         raise ConfigError(f"{where}: line 1", parsed[0][1] if parsed else "", f"the format {FORMAT!r}", hint)
     version = as_integer(f"{where}: version", parsed[0][1].get("version", VERSION), 1, VERSION, error=ConfigError)
+    if "rate" in parsed[0][1]:
+        as_positive(f"{where}: rate", parsed[0][1]["rate"], "a positive number of steps per second", ConfigError)
     return {**parsed[0][1], "version": version}, parsed[1:]
 
 
@@ -247,14 +258,17 @@ def _recording(
     lines: Iterable[tuple[str, Mapping[str, Any]]],
     mechanism: AnyChain | None,
     where: str,
+    remark: Callable[[str], object],
 ) -> RigRecording:
     steps: dict[str, list[tuple[float, list[float], list[float], list[float]]]] = {}
     events, width, axes, run = [], 0, 2 if mechanism is None else mechanism.dimension, "1"
+    unread = 0  # steps without a time or a motor position
     for place, values in lines:
         run = str(values.get("run", run))
         if "event" in values and values["event"] is not None:
             events.append(values)
         if values.get("motors") is None:
+            unread += "motors" in values or "event" not in values
             continue
         motors = _numbers(f"{place}: motors", values["motors"], width)
         width = len(motors)
@@ -265,6 +279,8 @@ def _recording(
         (t,) = _numbers(f"{place}: t", [values.get("t")], 1)
         if np.isfinite([t, *motors]).all():
             steps.setdefault(run, []).append((t, motors, tensions, tip))
+        else:
+            unread += 1
     runs = []
     for name, rows in steps.items():
         if len(rows) > 1:
@@ -279,6 +295,10 @@ def _recording(
         raise ConfigError(f"{where}: longest run", max(map(len, steps.values()), default=0), allowed, hint)
     if mechanism is not None and mechanism.n_tendons != width:
         raise ConfigError(f"{where}: motors", width, f"{mechanism.n_tendons}, one per tendon of the mechanism")
+    alone, total = sum(len(rows) == 1 for rows in steps.values()), unread + sum(map(len, steps.values()))
+    if left_out := unread + alone:
+        reasons = f"{unread} without a time or a motor position, {alone} alone in a run"
+        remark(f"{where}: {left_out} of {total} steps left out ({reasons})")
     return RigRecording(runs, mechanism, header, events)
 
 
@@ -292,6 +312,8 @@ def _numbers(where: str, value: object, size: int) -> list[float]:
     for number in value:
         if number is not None and (isinstance(number, bool) or not isinstance(number, (int, float))):
             raise ConfigError(where, value, f"{allowed}, null where not read")
+        if number is not None and abs(number) > _INFINITE:
+            raise ConfigError(where, number, f"{allowed} that are finite, null where not read")
     return [np.nan if number is None else float(number) for number in value]
 
 

@@ -26,7 +26,7 @@ from rollingjoint.kernels.seen_walls import (
 
 
 @part(inline=True)
-def _in_the_bend(u, v, curvature):
+def in_the_bend(u, v, curvature):
     """A point in a piece of a centre line of constant curvature: u along the tangent at its start, v to the left.
 
     Returns (offset d from the centre line to its left, q = 1 - curvature d, cos and sin of the turn to that point).
@@ -38,7 +38,7 @@ def _in_the_bend(u, v, curvature):
 
 
 @part(inline=True)
-def _arc_length_at(u, offset, cos, sin, curvature):
+def arc_length_at(u, offset, cos, sin, curvature):
     """Arc length of the nearest point of a piece from its start; of a straight one with its rate by the curvature."""
     return math.atan2(sin, cos) / curvature if curvature != 0.0 else u * (1.0 + curvature * offset)
 
@@ -88,7 +88,7 @@ def nearest_piece(seen, first, last, x, y):
             continue
         dx, dy = x - piece[START], y - piece[START + 1]
         tx, ty = piece[START_TANGENT], piece[START_TANGENT + 1]
-        offset, _, _, _ = _in_the_bend(dx * tx + dy * ty, dy * tx - dx * ty, piece[CURVATURE])
+        offset, _, _, _ = in_the_bend(dx * tx + dy * ty, dy * tx - dx * ty, piece[CURVATURE])
         if abs(offset) < nearest:
             nearest, best = abs(offset), i
     return best
@@ -142,7 +142,7 @@ def point_in_lumen(seen, w, i, x, y):
     that tangent, whether the point is before, beyond the lumen).
     """
     u, v, tx, ty, before, after = _from_start(seen, int(seen.lumens[w, 0]), int(seen.lumens[w, 1]), i, x, y)
-    offset, q, cos, sin = _in_the_bend(u, v, 0.0 if before or after else seen.pieces[i, CURVATURE])
+    offset, q, cos, sin = in_the_bend(u, v, 0.0 if before or after else seen.pieces[i, CURVATURE])
     return u, v, offset, q, cos, sin, tx, ty, before, after
 
 
@@ -158,7 +158,7 @@ def lumen_fields(seen, w, i, point, radius, rubs):
     if before or after:  # both ends go on straight
         wall_radius = piece[RADIUS] + piece[SLOPE] * piece[LENGTH] if after else piece[RADIUS]
         curvature = slope = 0.0
-    arc = _arc_length_at(u, v, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
+    arc = arc_length_at(u, v, cos, sin, curvature) if rubs or slope != 0.0 else 0.0
     tx, ty = tx * cos - ty * sin, ty * cos + tx * sin
     side = 1.0 if offset > 0.0 else -1.0
     gap = _lumen_gap(side, wall_radius + slope * arc, slope, curvature, offset, q, tx, ty)

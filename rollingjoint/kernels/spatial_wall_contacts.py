@@ -65,6 +65,7 @@ PLACE, GRADIENT, N_PLACE = 0, 3, 6
 # Columns of SpatialTouch.columns: change of the gradient of the gap, and way of the nearest point along the link, per
 # velocity of the link
 TURNING, SLIDING, N_CHANGES = 0, 3, 6
+N_TWIST = 6  # numbers of a velocity of a link: columns of S
 
 
 class SpatialTouched(NamedTuple):
@@ -88,7 +89,7 @@ class SpatialTouch(NamedTuple):
     places: Annotated[Floats, "C", N_PLACE]  # if wanted
     sums: Annotated[Floats, "J", N_SUMS]
     tangent: Annotated[Floats, "J"]  # the first step of Newton's method [rad]
-    columns: Annotated[Floats, 6, N_CHANGES]  # of the candidate at hand
+    columns: Annotated[Floats, N_TWIST, N_CHANGES]  # of the candidate at hand
     how: Annotated[Floats, N_HOW]
 
 
@@ -264,7 +265,7 @@ def _add(chain, state, c, link, point, radius, gradient, normal_force, rate, law
         sums[FORCE + a] += normal_force * gradient[a] - drag[a]
         for b in range(3):
             sums[POINT_FORCE + 3 * a + b] += normal_force * point[a] * gradient[b] - at[a] * drag[b]
-    for column in range(6):
+    for column in range(N_TWIST):
         turning, sliding = in_space(touch.columns, column, TURNING), in_space(touch.columns, column, SLIDING)
         moved = velocity(column, point)
         closing = dot(gradient, moved)
@@ -329,7 +330,7 @@ def _touch_points(chain, state, all_gaps):
             gap = dot(normal, x) - seen.planes[w, 3] - radius
             if law[STIFFNESS] > 0.0 and link > 0 and (all_gaps or not _leave_out(touch, c, gap)):
                 force, rate = _presses(chain, c, gap, law)
-                for column in range(6):
+                for column in range(N_TWIST):
                     put(touch.columns[column], TURNING, (0.0, 0.0, 0.0))
                     put(touch.columns[column], SLIDING, (0.0, 0.0, 0.0))
                 _add(chain, state, c, link, x, radius, normal, force, rate, law)
@@ -364,7 +365,7 @@ def _touch_tube(chain, state, c, link, x, radius, piece, law, all_gaps):
     gradient = minus(times(t, per), e)
     force, rate = _presses(chain, c, wall + slope * arc - distance - radius, law)
     bend, taper = curvature * offset / (q * distance), slope * curvature / (q * q)
-    for column in range(6):
+    for column in range(N_TWIST):
         dx = velocity(column, x)
         along, up = dot(t, dx), dot(inwards, dx)
         change = minus(times(t, bend * along + taper * up), times(w, dot(w, dx) / distance))
@@ -413,7 +414,7 @@ def _touch_capsule(chain, state, c, link, bar, w, law, all_gaps):
     force, rate = _presses(chain, c, distance - both, law)
     gradient, point = times(r, 1.0 / distance), plus(a, times(u, s))
     slides, follows, uv = 0.0 < s < length, 0.0 < t < other, dot(u, v)
-    for column in range(6):
+    for column in range(N_TWIST):
         dx = velocity(column, point)
         turn = minus(velocity(column, u), velocity(column, (0.0, 0.0, 0.0)))  # of the bar
         behind, pulled = dot(dx, v), dot(dx, u) + dot(r, turn)

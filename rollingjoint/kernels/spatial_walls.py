@@ -12,6 +12,7 @@ from typing import Annotated, NamedTuple
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
+from rollingjoint.kernels.lumens import arc_length_at, in_the_bend
 from rollingjoint.kernels.vectors import about, dot, in_space, minus, plus, times
 from rollingjoint.kernels.walls import N_LAW
 
@@ -212,11 +213,8 @@ def from_centre_line(seen, i, first, last, x):
     if after or before:
         curvature = slope = 0.0
     u, v, aside = dot(way, tangent), dot(way, normal), dot(way, across)
-    along, up = curvature * u, 1.0 - curvature * v
-    q = math.sqrt(along * along + up * up)
-    offset = (2.0 * v - curvature * (u * u + v * v)) / (1.0 + q)
-    cos, sin = up / q, along / q
-    arc = math.atan2(sin, cos) / curvature if curvature != 0.0 else u
+    offset, q, cos, sin = in_the_bend(u, v, curvature)
+    arc = arc_length_at(u, offset, cos, sin, curvature)
     there = plus(times(tangent, cos), times(normal, sin))
     inwards = minus(times(normal, cos), times(tangent, sin))
     return offset, aside, q, arc, curvature, slope, radius, there, inwards, across

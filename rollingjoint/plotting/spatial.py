@@ -20,7 +20,7 @@ from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.contact_lines import ABOVE_BODIES, draw_contacts, draw_holding, draw_surfaces
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
-from rollingjoint.plotting.walls_in_space import draw_surroundings_in_space, in_world
+from rollingjoint.plotting.walls_in_space import draw_pressed_in_space, draw_surroundings_in_space, in_world
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -91,7 +91,8 @@ def plot_arm(
         draw_contacts(ax, equilibrium)
         draw_holding(ax, equilibrium, friction)
     if walls and around is not None and around.walls is not None:
-        draw_surroundings_in_space(ax, around)
+        draw_surroundings_in_space(ax, [around])
+        draw_pressed_in_space(ax, around)
     return _finish(ax)
 
 

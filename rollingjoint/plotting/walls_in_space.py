@@ -5,7 +5,7 @@ Everything is drawn in the frame of the walls, in mm.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from rollingjoint.plotting.walls import PRESSED_COLOR, STICKS_COLOR, WALL_COLOR,
 from rollingjoint.surroundings.tube import Frames, Tube, carried
 
 if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
     from mpl_toolkits.mplot3d import Axes3D
 
 Array = NDArray[np.float64]
@@ -52,32 +53,37 @@ def base_pose(equilibrium: EquilibriumInSpace) -> Array:
     return np.asarray(se3.pose(se3.rotation(base[3:]), base[:3]), float)
 
 
-def draw_surroundings_in_space(ax: Axes3D, equilibrium: EquilibriumInSpace, scale: bool = True) -> None:
-    """Draws the walls around an equilibrium, and the forces of its contacts on the links.
-
-    scale: draw a scale of the colours of normal forces.
-    """
+def draw_surroundings_in_space(ax: Axes3D, equilibria: Sequence[EquilibriumInSpace]) -> None:
+    """Draws the walls around equilibria in the world, each wall once."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    step = equilibrium.walls
-    assert step is not None
-    base = base_pose(equilibrium)
-    places = (base @ equilibrium.poses)[:, :3, 3]
-    for surface in wall_surfaces(step.walls, int(step.which), places):
-        grid = np.stack([surface[:-1, :-1], surface[1:, :-1], surface[1:, 1:], surface[:-1, 1:]], axis=2)
-        faces = Poly3DCollection(
-            list(grid.reshape(-1, 4, 3)), facecolor=WALL_COLOR, edgecolor="none", alpha=_ALPHA, label="wall"
-        )
-        ax.add_collection3d(faces)
-        ax.auto_scale_xyz(*surface.reshape(-1, 3).T, had_data=ax.has_data())
-    contacts = equilibrium.wall_contacts
+    around = [(eq, eq.walls) for eq in equilibria if eq.walls is not None]
+    places = np.concatenate([(base_pose(eq) @ eq.poses)[:, :3, 3] for eq, _ in around])
+    stacks = {(id(step.walls), int(step.which)): step.walls for _, step in around}
+    for (_, which), walls in stacks.items():
+        for surface in wall_surfaces(walls, which, places):
+            grid = np.stack([surface[:-1, :-1], surface[1:, :-1], surface[1:, 1:], surface[:-1, 1:]], axis=2)
+            faces = Poly3DCollection(
+                list(grid.reshape(-1, 4, 3)), facecolor=WALL_COLOR, edgecolor="none", alpha=_ALPHA, label="wall"
+            )
+            ax.add_collection3d(faces)
+            ax.auto_scale_xyz(*surface.reshape(-1, 3).T, had_data=ax.has_data())
+
+
+def draw_pressed_in_space(
+    ax: Axes3D,
+    equilibrium: EquilibriumInSpace,
+    arrow_scale: float | None = None,
+    colors: ScalarMappable | None = None,
+    scale: bool = True,
+) -> None:
+    """As walls.draw_pressed, of a chain in space."""
+    contacts = equilibrium.wall_contacts if equilibrium.walls is not None else []
     if not contacts:
         return
-    points, forces = (
-        np.array([getattr(touch, name) for touch in contacts]) @ base[:3, :3].T for name in ("place", "force_on_link")
-    )
-    points, colors = points + base[:3, 3], force_colors([equilibrium])
-    per_newton = nice_scale(np.linalg.norm(forces, axis=1), equilibrium.mechanism.length)
+    points, forces = places_and_forces_in_space(equilibrium)
+    per_newton = arrow_scale_in_space([equilibrium]) if arrow_scale is None else arrow_scale
+    colors = force_colors([equilibrium]) if colors is None else colors
     tones = colors.to_rgba(np.array([touch.force for touch in contacts]))
     edges = [STICKS_COLOR if touch.sticks else "black" for touch in contacts]
     ax.scatter(*points.T, s=28, c=tones, edgecolors=edges, linewidths=1.2, depthshade=False, zorder=10)
@@ -87,6 +93,22 @@ def draw_surroundings_in_space(ax: Axes3D, equilibrium: EquilibriumInSpace, scal
         ax.plot([], [], [], "o", markerfacecolor="white", markeredgecolor=STICKS_COLOR, label="sticks")
     if scale:
         ax.figure.colorbar(colors, ax=ax, shrink=0.5, pad=0.12, label="normal force of walls [N]")
+
+
+def arrow_scale_in_space(equilibria: Sequence[EquilibriumInSpace]) -> float:
+    """mm of arrow per N for the largest force of any contact with a wall."""
+    forces = [np.linalg.norm(places_and_forces_in_space(eq)[1], axis=1) for eq in equilibria if eq.wall_contacts]
+    return nice_scale(np.concatenate([*forces, np.zeros(1)]), max(eq.mechanism.length for eq in equilibria))
+
+
+def places_and_forces_in_space(equilibrium: EquilibriumInSpace) -> tuple[Array, Array]:
+    """Place of every contact, and force on the link there, in the world, (C, 3) each [mm, N]."""
+    base = base_pose(equilibrium)
+    places, forces = (
+        np.array([getattr(touch, name) for touch in equilibrium.wall_contacts]).reshape(-1, 3) @ base[:3, :3].T
+        for name in ("place", "force_on_link")
+    )
+    return places + base[:3, 3], forces
 
 
 def wall_surfaces(walls: SpatialWalls, which: int, places: Array) -> Iterator[Array]:

@@ -15,7 +15,7 @@ from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.spatial_walls import SpatialWalls
 from rollingjoint.kernels.walls import MU, N_LAW, Walls
-from rollingjoint.surroundings import SPATIAL_WALLS, WALLS, Surroundings
+from rollingjoint.surroundings import Surroundings, wrong_walls
 
 Array = NDArray[np.float64]
 
@@ -36,14 +36,12 @@ def walls_of(surroundings: Around, mechanism: AnyChain) -> Any:
     """The walls and the outline of a mechanism, as kernels take them: a stack of one, or a stack that was given."""
     if type(surroundings) is Surroundings and (kept := surroundings.arrays_of(mechanism)) is not None:
         return kept
-    dimension = mechanism.dimension
-    if isinstance(surroundings, _TABLES[dimension]):
+    if isinstance(surroundings, _TABLES[mechanism.dimension]):
         return surroundings
-    if not isinstance(surroundings, Surroundings | Walls | SpatialWalls):
+    if isinstance(surroundings, Walls | SpatialWalls):
+        raise wrong_walls(surroundings, mechanism)
+    if not isinstance(surroundings, Surroundings):
         raise InvalidInput("surroundings", surroundings, "Surroundings or None", "Surroundings([Disc((20, 50), 5)])")
-    if not isinstance(surroundings, Surroundings) or surroundings.dimension != dimension:
-        kinds = ", ".join(kind.__name__ for kind in (WALLS if dimension == 2 else SPATIAL_WALLS))
-        raise InvalidInput("surroundings", surroundings, f"walls around {mechanism.title}: {kinds}")
     return surroundings.arrays(mechanism)
 
 

@@ -88,7 +88,8 @@ def dtip_dforce(equilibrium: Solution, given: str = "lengths") -> Array:
 def dposes_dbase(equilibrium: Solution) -> Array:
     """d link poses / d motion of the base among walls, (n, 3, 3) [1, mm/rad, rad/mm, 1], at given inputs.
 
-    Poses are in the base frame; the base moves in its own frame: x, y, turn about its origin. Zeros without walls.
+    Poses are in the base frame; the base moves in its own frame: x, y, turn about its origin; in space, (n, 6, 6), x,
+    y, z and the three of the turn. Zeros without walls.
     """
     return _dposes(equilibrium, _dangles_dbase(equilibrium))
 
@@ -104,9 +105,12 @@ def dinsertion_dlengths(equilibrium: Solution) -> Array:
 
 
 def dinsertion_dbase(equilibrium: Solution) -> Array:
-    """d insertion force / d motion of the base in its own frame, (3,): x, y, turn [N/mm, N/rad], at given inputs."""
+    """d insertion force / d motion of the base in its own frame, (3,): x, y, turn [N/mm, N/rad], at given inputs.
+
+    In space (6,): x, y, z and the three of the turn.
+    """
     n_joints = equilibrium.joint_angles.shape[-1]
-    held = -equilibrium.wall_force_rates[..., 1, n_joints:]
+    held = -equilibrium.wall_force_rates[..., -1, n_joints:]
     return held + _dinsertion(equilibrium, _dangles_dbase(equilibrium))
 
 
@@ -116,7 +120,7 @@ def _dangles_dbase(equilibrium: Solution) -> Array:
 
 def _dinsertion(equilibrium: Solution, dangles: Array) -> Array:
     """Chain d joint angles (n - 1, k) to d insertion force (k,)."""
-    rates = equilibrium.wall_force_rates[..., 1, None, : dangles.shape[-2]]
+    rates = equilibrium.wall_force_rates[..., -1, None, : dangles.shape[-2]]
     return -(rates @ dangles)[..., 0, :]
 
 

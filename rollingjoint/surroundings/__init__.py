@@ -18,7 +18,7 @@ from rollingjoint.surroundings.lumen import Lumen
 from rollingjoint.surroundings.moving import walls_through
 from rollingjoint.surroundings.outline import Bare, Outline, OutlineRows, Sleeve
 from rollingjoint.surroundings.shapes import Strip, closed, wall_strips
-from rollingjoint.surroundings.table import SPATIAL_WALLS, WALLS, Surroundings
+from rollingjoint.surroundings.table import SPATIAL_WALLS, WALLS, Surroundings, wrong_walls
 from rollingjoint.surroundings.tube import Tube
 from rollingjoint.surroundings.walls import Capsule, Disc, HalfPlane, Plane, Polygon, Sphere, Wall, WallFriction
 
@@ -44,4 +44,5 @@ __all__ = [
     "closed",
     "wall_strips",
     "walls_through",
+    "wrong_walls",
 ]

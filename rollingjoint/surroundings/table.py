@@ -111,12 +111,15 @@ class Surroundings:
         Args:
             chain: with links as HasLinks has them, or for walls in space a chain of outline.HasAxes.
         Raises:
-            InvalidInput: links that the outline does not fit, a tube that is nowhere wider than the outline.
+            InvalidInput: walls of the plane around a chain in space, or the other way round; links that the outline
+            does not fit, a tube that is nowhere wider than the outline.
         """
         kept = self.arrays_of(chain)
         if kept is not None:
             return kept
         in_space = self.dimension == 3
+        if getattr(chain, "dimension", self.dimension) != self.dimension:
+            raise wrong_walls(self, chain)
         outline = self.outline.rows_in_space(chain) if in_space else self.outline.rows(chain.links)
         if in_space:
             self._check_tubes(outline)
@@ -153,3 +156,9 @@ class Surroundings:
     def _law(self, wall: Wall) -> Row:
         friction, (stiffness, toe, per_length) = self._friction(wall), wall.law
         return stiffness, toe, friction.mu, friction.presliding, float(per_length)
+
+
+def wrong_walls(surroundings: object, chain: Any) -> InvalidInput:
+    """The error of walls that are not around chains of this kind."""
+    kinds = ", ".join(kind.__name__ for kind in (WALLS if chain.dimension == 2 else SPATIAL_WALLS))
+    return InvalidInput("surroundings", surroundings, f"walls around {chain.title}: {kinds}")

@@ -127,22 +127,20 @@ def test_a_follower_force_on_more_than_a_thousand_joints_is_given_up_at_once(bui
     _ = chain.arrays
     begin = time.process_time()
     result = solve_tensions(chain, np.ones(chain.n_tendons), [BodyWrench(-1, force)])
-    assert time.process_time() - begin < 5.0
+    assert time.process_time() - begin < 30.0  # takes 1 to 3
     assert result.status is Status.NOT_CONVERGED and result.iterations == 0
     balanced = solve_tensions(chain, np.ones(chain.n_tendons), [BodyWrench(-1, (0.0,) * (len(force) - 1) + (0.1,))])
     assert balanced.status is Status.NOT_CONVERGED and balanced.residual < 1e-9
 
 
-@pytest.mark.slow  # the seconds that it may take are what it asserts
-@pytest.mark.parametrize(("beads", "seed"), [(200, 0), (300, 0)])  # took 24 and 39 s
-def test_a_follower_force_on_a_long_arm_ends_in_the_stated_time(beads, seed):
-    arm, rng = small_arm(beads), np.random.default_rng(seed)
+@pytest.mark.slow
+@pytest.mark.parametrize("beads", [200, 300])
+def test_a_follower_force_on_a_long_arm_takes_a_bounded_number_of_dense_steps(beads):
+    """These steps take the seconds of docs/reliability.md: 24 and 39 before the bound, 10 and 11 with it."""
+    arm, rng = small_arm(beads), np.random.default_rng(0)
     tensions, force = rng.uniform(0.1, 10, 4), rng.normal(0, 1.0, 3)
-    solve_tensions(small_arm(20), tensions, [BodyWrench(-1, tuple(force))])  # compiled
-    _ = arm.arrays
-    begin = time.process_time()
-    solve_tensions(arm, tensions, [BodyWrench(-1, tuple(force))])
-    assert time.process_time() - begin < 15.0
+    result = solve_tensions(arm, tensions, [BodyWrench(-1, tuple(force))])
+    assert 0 < result.iterations < 1000 * (300 / beads) ** 3 + 600
 
 
 WHILE_LAPACK_IS_IMPORTED = """

@@ -167,10 +167,10 @@ def test_points_beyond_the_surface_are_refused():
     ],
 )
 def test_surfaces_that_would_never_be_tabulated_are_refused_at_once(make, expected):
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(MechanismError, match=expected):
         make()
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 def _pair(child: Profile, parent: Profile) -> RollingChain:

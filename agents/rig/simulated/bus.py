@@ -66,9 +66,10 @@ class SimulatedBus:
         import tty
 
         (self._bus, bus_end), (self._cell, cell_end) = pty.openpty(), pty.openpty()
-        self._ends, self._wake = [bus_end, cell_end], os.pipe()
+        self._bus_end, self._wake = bus_end, os.pipe()
         for end in (self._bus, bus_end, self._cell, cell_end):
             tty.setraw(end)
+        self._open = {self._bus, bus_end, self._cell, cell_end, *self._wake}
         self.port, self.cell_port = os.ttyname(bus_end), os.ttyname(cell_end)
         self.alive = True
         self.plant.weighed()  # whatever has to compile does so before anybody asks
@@ -223,19 +224,21 @@ class SimulatedBus:
         self.alive = False
         os.write(self._wake[1], b"x")
         self._thread.join(2.0)
-        os.close(self._bus)
-        os.close(self._ends[0])
+        self._close(self._bus, self._bus_end)
 
     def close(self) -> None:
         """End the thread, and free the terminals."""
         self.alive = False
-        os.write(self._wake[1], b"x")
-        self._thread.join(2.0)
-        for end in (self._bus, self._cell, *self._ends, *self._wake):
-            try:
-                os.close(end)
-            except OSError:
-                continue
+        if self._open:
+            os.write(self._wake[1], b"x")
+            self._thread.join(2.0)
+            self._close(*self._open)
+
+    def _close(self, *files: int) -> None:
+        """Close those that are open: the number of a closed one may be another's by now."""
+        for file in self._open.intersection(files):
+            self._open.remove(file)
+            os.close(file)
 
 
 def _answer(servo: Servo, error: int, content: bytes = b"") -> tuple[int, bytes]:

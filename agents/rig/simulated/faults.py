@@ -16,6 +16,7 @@ class Faults:
         seed: of chance.
         lost, damaged, late, garbage: share of status packets. late_s: by how long [s of the wall].
         reversed_ids: whether servos answer in the other order. mute: ids that do not answer.
+        echoed: whether the last answer of a servo comes again before each.
         cells: "", "nan", "silent", "frozen" or "damaged".
     """
 
@@ -27,11 +28,13 @@ class Faults:
     garbage: float = 0.0
     reversed_ids: bool = False
     mute: set[int] = field(default_factory=set)
+    echoed: bool = False
     cells: str = ""
     counts: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
+        self._last: dict[int, bytes] = {}
 
     def _happens(self, name: str, share: float) -> bool:
         happened = share > 0.0 and bool(self._rng.random() < share)
@@ -40,6 +43,7 @@ class Faults:
 
     def sent(self, ident: int, raw: bytes) -> tuple[bytes, float] | None:
         """What goes out in place of a status packet, and how late [s]; None: nothing."""
+        raw, self._last[ident] = (self._last.get(ident, b"") if self.echoed else b"") + raw, raw
         if ident in self.mute or self._happens("lost", self.lost):
             return None
         if self._happens("damaged", self.damaged):

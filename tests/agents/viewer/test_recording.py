@@ -55,6 +55,24 @@ def test_the_identified_mechanism_follows_the_measured_tip_and_the_one_as_design
     assert len(shown["/1/mechanism"]) == 30
 
 
+@pytest.mark.slow
+def test_the_page_plays_in_a_browser_without_network(folder, browser):
+    words = ["--recording", str(folder / "bench.jsonl"), "--identified", str(folder / "found")]
+    assert view.main([*words, "--record", str(folder / "replay.html")]) == 0
+    page, complaints, asked = browser.new_page(viewport={"width": 480, "height": 360}), [], []
+    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url) if request.url.startswith("http") else None)
+    page.goto((folder / "replay.html").as_uri())
+    page.get_by_text("the ball is the measured tip").wait_for()
+    assert page.title() == "bench.jsonl"
+    page.locator("canvas").first.wait_for()
+    seconds = "Number(document.querySelector('input').value)"
+    page.wait_for_function(f"{seconds} > 0.2", timeout=60_000)  # of 1.5: it plays
+    assert complaints == [] and asked == []
+    page.close()
+
+
 @pytest.mark.parametrize("missing", ["--recording", "--record"])
 def test_a_recording_needs_a_page_to_go_to(folder, capsys, missing):
     words = {"--recording": ["--identified", str(folder / "found"), "--record", str(folder / "x.html")]}

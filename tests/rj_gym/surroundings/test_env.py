@@ -14,6 +14,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rj_gym
 from agents.controllers.among_walls import Feedback, FollowTheLeader, FreeSpacePlan, SearchedWay, Still
 from agents.runs.state_file import packed, unpacked
+from rj_gym.surroundings import drawing
+from rj_gym.surroundings import task as tasks
 from rollingjoint import ConfigError, Disc, HalfPlane, InvalidInput, Lumen, solve_lengths
 from rollingjoint.chain.status import Status
 from tests.rj_gym.rollouts import same
@@ -21,12 +23,6 @@ from tests.rj_gym.rollouts import same
 IDS = tuple(rj_gym.SURROUNDINGS_IDS)
 LUMEN = "rj_gym/Lumen-v0"
 every = pytest.mark.parametrize("env_id", IDS)
-quick = pytest.mark.parametrize(
-    "env_id", [pytest.param(one, marks=pytest.mark.slow if "Obstacles" in one else ()) for one in IDS]
-)
-drawn_slowly = pytest.mark.parametrize(
-    "env_id", [pytest.param(one, marks=() if "Lumen" in one else pytest.mark.slow) for one in IDS]
-)
 VARIANTS = {
     "ahead, noise": {"walls": "ahead", "noise": {"position_mm": 0.2, "angle": 0.01, "tension": 0.1, "force": 0.1}},
     "families": {"families": list(rj_gym.FAMILIES), "poses": "tip"},
@@ -38,6 +34,28 @@ def made(env_id, lanes=None, **settings):
     if lanes is None:
         return gymnasium.make(env_id, **settings).unwrapped
     return gymnasium.make_vec(env_id, lanes, "vector_entry_point", **settings)
+
+
+@pytest.fixture
+def drawn_at_once(monkeypatch):
+    """Scenes of the tasks that search for theirs are a few random numbers: for tests of everything else."""
+
+    def discs(task, rngs, fixed):
+        return [disc_scene(task, rng.uniform(-20.0, 20.0, 2)) for rng in rngs]
+
+    def disc_scene(task, at):
+        others = [Disc((60.0 + at[0], 20.0 + at[1] + 100.0 * k), 4.0, stiffness=2.0) for k in range(task.config.discs)]
+        return drawing._scene_of_discs(task.config, others, np.add(at, (0.0, 70.0)), task.rest, task.rest)
+
+    def wall(task, rngs, fixed):
+        return [wall_scene(task, rng.uniform(25.0, 40.0)) for rng in rngs]
+
+    def wall_scene(task, away):
+        plane = HalfPlane((-1.0, 0.0), -away, stiffness=2.0)
+        return drawing._scene_of_a_wall(task.config, plane, np.array([away, 40.0]), task.rest)
+
+    monkeypatch.setattr(tasks, "scenes_among_discs", discs)
+    monkeypatch.setattr(tasks, "scenes_at_a_wall", wall)
 
 
 def actions_for(envs, count, seed=0):
@@ -52,8 +70,8 @@ def into_the_lumen(envs, steps=25):
     return [envs.step(action) for _ in range(steps)]
 
 
-@quick
-def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id):
+@every
+def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id, drawn_at_once):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -61,9 +79,9 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id):
         checker.check_env(made(env_id))
 
 
-@drawn_slowly
-def test_the_vector_environment_passes_every_check(env_id):
-    settings = {"episode_steps": 2} | ({"discs": 1, "reach_mm": 5.0} if "Obstacles" in env_id else {})  # drawn fast
+@every
+def test_the_vector_environment_passes_every_check(env_id, drawn_at_once):
+    settings = {"episode_steps": 2}
 
     def make_env(autoreset_mode="SameStep"):
         return made(env_id, 2, render_mode="rgb_array", autoreset_mode=autoreset_mode, **settings)
@@ -195,9 +213,8 @@ def test_a_command_follows_its_tendon_at_a_limit():
 
 
 @every
-def test_the_tip_starts_free_and_random_actions_never_crash(env_id):
-    lanes = 2 if "Obstacles" in env_id else 16
-    envs = made(env_id, lanes, episode_steps=20)
+def test_the_tip_starts_free_and_random_actions_never_crash(env_id, drawn_at_once):
+    envs = made(env_id, 16, episode_steps=20)
     _, infos = envs.reset(seed=0)
     assert not infos["wall_force"].any() and not infos["success"].any()
     for actions in actions_for(envs, 45, seed=1):
@@ -239,7 +256,7 @@ def test_targets_can_be_reached_which_is_the_floor(env_id):
         assert infos["success"].all()
         return
     envs, controller = made(env_id, 3), SearchedWay()
-    _, infos = envs.reset(seed=0)
+    _, infos = envs.reset(seed=17)
     controller.begin(envs, infos)
     for _ in range(60):
         *_, infos = envs.step(controller.act(envs))
@@ -248,7 +265,9 @@ def test_targets_can_be_reached_which_is_the_floor(env_id):
 
 def test_an_obstacle_is_between_the_tip_and_the_target():
     envs = made("rj_gym/Obstacles-v0", 3)
-    _, infos = envs.reset(seed=1)
+    _, infos = envs.reset(seed=17)  # drawn fast
+    _, info = made("rj_gym/Obstacles-v0").reset(seed=19)
+    assert np.array_equal(info["target"], infos["target"][2]) and np.array_equal(info["poses"], infos["poses"][2])
     disc = envs._buffer.scenes.walls.discs[:, 0]
     begin, way = infos["tip"], infos["target"] - infos["tip"]
     share = ((disc[:, :2] - begin) * way).sum(1) / np.square(way).sum(1)
@@ -347,7 +366,7 @@ def test_options_fix_lumens_walls_and_targets():
 
 
 @every
-def test_nan_actions_are_refused_and_change_nothing(env_id):
+def test_nan_actions_are_refused_and_change_nothing(env_id, drawn_at_once):
     envs = [made(env_id) for _ in range(2)]
     for env in envs:
         env.reset(seed=1)
@@ -370,8 +389,8 @@ def test_noise_is_in_observations_alone():
     assert np.array_equal(seen[names.index("tendon 0 command")], true[names.index("tendon 0 command")])
 
 
-@quick
-def test_pictures_show_walls(env_id):
+@every
+def test_pictures_show_walls(env_id, drawn_at_once):
     env = made(env_id, render_mode="rgb_array")
     env.reset(seed=3)
     picture = env.render()

@@ -86,6 +86,13 @@ def test_the_polyline_through_the_holes_is_as_long_as_the_tendon():
         assert np.linalg.norm(np.diff(line, axis=0), axis=1).sum() == pytest.approx(length, abs=1e-9)
 
 
+def test_the_polyline_through_the_holes_moves_with_the_base():
+    arm = flexible_arm()
+    poses, base = arm.poses(np.full(arm.n_joints, 0.1)), se3.pose(se3.rotation([0.2, -0.1, 0.3]), [1.0, 2.0, 3.0])
+    for line, moved in zip(arm.tendon_polyline(poses), arm.tendon_polyline(base @ poses), strict=True):
+        np.testing.assert_allclose(moved, line @ base[:3, :3].T + base[:3, 3], atol=1e-12)
+
+
 def test_exact_hinges_end_where_tendon_holes_meet_and_no_sooner_than_their_own_limits():
     arm = flexible_arm()
     assert arm.joint_limits[0] == pytest.approx([-2 * np.arctan(10 / 50), 2 * np.arctan(10 / 50)], abs=1e-3)

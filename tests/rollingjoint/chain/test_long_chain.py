@@ -1,7 +1,5 @@
 """Long chains: the O(n) Newton step equals the dense one, and converges for a thousand links."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -119,11 +117,8 @@ def test_slack_long_chains_say_so():
 
 
 @pytest.mark.parametrize("seed", [1, 2])  # neither converges; 600 dense steps once took up to 13 s
-def test_a_follower_force_on_a_long_chain_ends_in_the_stated_time(seed):
+def test_a_follower_force_on_a_long_chain_takes_a_bounded_number_of_dense_steps(seed):
     chain, rng = uniform(300), np.random.default_rng(seed)
-    solve_tensions(uniform(20), np.full(2, 2.0), [BodyWrench(-1, (1e-3, 0.0))])  # compiles
     force = rng.normal(0.0, 1.0, 2)
-    begin = time.process_time()
     result = solve_tensions(chain, rng.uniform(0.1, 10.0, chain.n_tendons), [BodyWrench(-1, tuple(force))])
-    assert time.process_time() - begin < 8.0  # 3 s alone, 5.3 beside another test on a shared core
     assert result.iterations <= 3 * 80

@@ -29,10 +29,11 @@ from rollingjoint.differentiable import (  # noqa: E402 - needs torch
     solve_lengths,
     solve_tensions,
 )
-from rollingjoint.differentiable.surroundings import PARAMETERS, numeric  # noqa: E402
+from rollingjoint.differentiable.surroundings import numeric  # noqa: E402
 
 torch.set_num_threads(1)
 
+PARAMETERS = DifferentiableSurroundings.parameters
 LENGTHS = REST + np.array([0.4, -0.3, 0.2, 0.1])
 LUMEN = Lumen([30, 40, 40, 30], [0, 0.02, -0.02, 0], [8, 8, 7.5, 7, 7], stiffness=2, toe=0.3)
 SCENES = {
@@ -302,7 +303,7 @@ def test_wrong_walls_are_told():
         DifferentiableSurroundings.of(around, CHAIN, ["disks"])
     with pytest.raises(InvalidInput, match="Surroundings, or DifferentiableSurroundings"):
         solve_lengths(design, LENGTHS, surroundings=[Disc((0, 0), 1.0)])
-    with pytest.raises(InvalidInput, match="Walls are for planar chains"):
+    with pytest.raises(InvalidInput, match="walls around a chain in space: Plane, Sphere"):
         space = DifferentiableSpatialChain.from_mechanism(rj.pitch_yaw())
         solve_tensions(space, (3.0,) * 4, surroundings=around)
     with pytest.raises(InvalidInput, match="beside steps"):

@@ -13,6 +13,7 @@ from rollingjoint.io.mechanism_file import mechanism_to_dict
 from .rigs import recorded
 
 HEADER = '{"format": "rollingjoint-recording", "version": 1, "mechanism": "five_link"}\n'
+PULLED = HEADER + "".join(f'{{"t": {t}, "motors": [1, 2], "tensions": [3.0, -0.4]}}\n' for t in (0, 1))
 
 
 def test_a_recording_is_read_as_it_was_written(tmp_path):
@@ -68,6 +69,19 @@ def test_long_recordings_are_thinned_and_keep_every_turning_point():
     assert RigRecording([run], five_link()).thinned(24_000).steps == 24_000
 
 
+def test_steps_that_are_left_out_are_counted(tmp_path):
+    readings = [[1, 2], [1, None], None, [1, 2], [float("nan"), 2], [1, 2]]
+    lines = [{"t": t, "motors": motors} for t, motors in enumerate(readings)] + [{"t": 6, "event": "guard: 40 N"}]
+    lines.append({"t": 7, "motors": [1, 2], "run": "alone"})
+    (tmp_path / "a.jsonl").write_text(HEADER + "".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.warns(UserWarning, match="4 of 7 steps left out .3 without a time or a motor position, 1 alone"):
+        assert read_recording(tmp_path / "a.jsonl").steps == 3
+    (tmp_path / "a.csv").write_text("t,motor0,motor1\n0,1,2\n0.1,,2\nnan,1,2\n0.3,1,2\n")
+    remarks = []
+    assert read_recording(tmp_path / "a.csv", remarks.append).steps == 2
+    assert len(remarks) == 1 and "2 of 4 steps left out" in remarks[0]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -79,6 +93,11 @@ def test_long_recordings_are_thinned_and_keep_every_turning_point():
         (HEADER + "{broken}\n{}\n", "line 2"),
         (HEADER + '{"t": 1, "motors": [1, 2]}\n{"t": 0, "motors": [1, 2]}\n', "rising"),
         (HEADER + '{"t": 1, "motors": [1, 2]}\n', "two steps"),
+        (HEADER + '{"t": 0, "motors": [1, Infinity]}\n{"t": 1, "motors": [1, 2]}\n', "line 2: motors"),
+        (HEADER + '{"t": 0, "motors": [1, 2], "tensions": [1, -1e999]}\n', "line 2: tensions"),
+        (PULLED.replace("3.0", "-50.0"), "tensions of run 1 = -50.0: .*positive where a tendon pulls"),
+        (PULLED.replace("}", ', "rate": -1}', 1), "rate = -1: .*positive number of steps per second"),
+        (PULLED.replace("}", ', "rate": NaN}', 1), "rate"),
         (HEADER.replace("five_link", "six_lunk"), "six_lunk"),
         (HEADER.replace('"version": 1', '"version": 9'), "version"),
     ],
@@ -90,7 +109,13 @@ def test_wrong_lines_are_named(tmp_path, content, said):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [("t,motor0\n0,x\n", "motor0"), ("time,q\n0,1\n", "columns"), ("", "columns")]
+    ("content", "said"),
+    [
+        ("t,motor0\n0,x\n", "motor0"),
+        ("t,motor0\n0,inf\n", "line 2: motors"),
+        ("time,q\n0,1\n", "columns"),
+        ("", "columns"),
+    ],
 )
 def test_wrong_tables_are_named(tmp_path, content, said):
     (tmp_path / "a.csv").write_text(content)

@@ -54,11 +54,11 @@ def test_hostile_yaml_is_refused_at_once_in_one_line(tmp_path, kind):
     text, expected = HOSTILE[kind]
     path = tmp_path / "arm.yaml"
     path.write_text(text, encoding="utf-8")
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(ConfigError) as found:
         read_yaml(path)
     message = str(found.value)
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert message.startswith(str(path)) and expected in message
     assert message.isprintable() and len(message) < 600
 
@@ -76,10 +76,10 @@ def test_a_file_that_is_too_large_is_named_and_not_read(tmp_path):
     path = tmp_path / "arm.yaml"
     with path.open("wb") as stream:
         stream.truncate(50_000_000)
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(ConfigError) as found:
         read_yaml(path)
-    assert time.perf_counter() - begin < 0.5
+    assert time.process_time() - begin < 0.5
     assert str(found.value) == f"size of {path} = 50000000: expected at most 1,000,000 bytes of YAML text."
 
 

@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 import rollingjoint as rj
 from benchmarks.walls_in_space import walk
 from rollingjoint.chain import se3
+from rollingjoint.statics import sensitivity
 from rollingjoint.surroundings import walls_through
 from tests.attack.around_space import Recomputed, frame_of
 
@@ -92,6 +93,25 @@ def test_stiffness_and_motion_of_the_base_are_derivatives_of_the_moments(name):
 
     F = differences(force, np.concatenate([angles, np.zeros(6)]), 2e-5)
     np.testing.assert_allclose(equilibrium.wall_force_rates, F, atol=1e-5 * np.abs(F).max())
+
+
+def test_derivatives_of_the_insertion_force():
+    walls = around("all")
+    at = solved(walls)
+
+    def pushed(twist):  # of the base in its own frame
+        pose = frame_of(BASE) @ frame_of(twist)
+        vector = np.concatenate([pose[:3, 3], se3.rotation_vector(pose[:3, :3])])
+        return solved(walls, base=vector, start=at).insertion_force
+
+    for given, expected in (
+        (sensitivity.dinsertion_dbase(at), differences(pushed, np.zeros(6), 2e-5)),
+        (
+            sensitivity.dinsertion_dlengths(at),
+            differences(lambda command: solved(walls, command, start=at).insertion_force, COMMAND, 2e-5),
+        ),
+    ):
+        np.testing.assert_allclose(given, expected, atol=2e-5 * np.abs(expected).max())
 
 
 def steps_with_friction(name, presliding, count=3, mu=0.3):
