@@ -56,7 +56,7 @@ _NO_CHANGE = 2e-3  # of the tensions: a smaller change is not worth a step
 _SMALL_TRUST = 5e-3  # steps that short are not worth their while for the tensions alone
 _WEIGHT = 3e-6  # of the rates at the start, its root: of the second term
 _SINGULAR = 1e-13  # of the largest entry: a smaller pivot is none
-_DAMPING = 1e-15  # of the mean square of the rates: keeps the step where tensions change nothing
+_DAMPING = 1e-12  # of the largest entry, where tensions change nothing: keeps the step
 
 
 class InverseRows(NamedTuple):
@@ -539,9 +539,7 @@ def _turn_from(frame, goal):
 def _step(model, base, low, high, preferred, weight, trust, most, scratch):
     """Fill the change of the tensions; returns the sum that it would leave."""
     square, hessian, gradient, change = model.square[base], scratch.hessian, scratch.gradient, scratch.change
-    m, trace = change.size, 0.0
-    for j in range(m):
-        trace += square[j, j]
+    m = change.size
     for j in range(m):
         tension = model.tension[base, j]
         farthest = trust * max(tension, 0.1 * most)
@@ -550,7 +548,7 @@ def _step(model, base, low, high, preferred, weight, trust, most, scratch):
         gradient[j] = model.slope[base, j] + weight * (tension - preferred[j])
         for k in range(j + 1):
             hessian[j, k] = hessian[k, j] = square[j, k]
-        hessian[j, j] += weight if weight > 0.0 else _DAMPING * trace / m
+        hessian[j, j] += weight
     _minimise_in_box(scratch)
     total = 0.0
     for j in range(m):
@@ -590,7 +588,9 @@ def _minimise_in_box(scratch):
             if settled:
                 break
         if cholesky(scratch.hessian, free, 0.0, scratch.L) < 0.0:
-            break
+            damping = _DAMPING * largest(scratch.hessian, free)
+            if cholesky(scratch.hessian, free, damping, scratch.L) < 0.0:
+                break
         cholesky_solve(scratch.L, free, slope, way)
         share, stop = 1.0, -1
         for j in range(m):
