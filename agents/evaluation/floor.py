@@ -10,11 +10,11 @@ would have to let every hole hold or slip as it likes; then too many tips are wi
 `why_no_floor` gives the reason, `episode_floor` refuses.
 
 Quasi-static: the floor is the best equilibrium of one step, whether or not there was time to reach it, and errors of
-a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
-several starts; that it finds the global minimum is tested on samples, not proven: with four times the starts and eight
-times the candidates, `pytest -m slow -s tests/agents/evaluation/test_floor.py` finds no floor lower by over 5e-7 mm in
-eight planar tasks of 500 episodes, but 0.013 mm in two of 500 episodes where tensions may go down to zero. For the
-flexible arm, three times the starts find no floor lower by 1e-8 mm in three hard tasks of 200 episodes.
+a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is
+`rollingjoint.reach_batch`, local, from several starts, which depend on the other episodes: floors agree within 1e-6 mm,
+of several commands that reach a target another one may be found. That the global minimum is found is tested on
+samples, not proven: four times the starts find no lower floor in
+`pytest -m slow -s tests/agents/evaluation/test_floor.py`.
 """
 
 from __future__ import annotations
@@ -30,25 +30,19 @@ from numpy.typing import NDArray
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import task_of
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint import ReachStatus, Status, reach_batch, solve_lengths_batch, solve_tensions_batch
+from rollingjoint import ReachStatus, Status, reach_batch, solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain, Chain
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 
 Array = NDArray[np.float64]
 
-STARTS = 48  # per episode, each the best of CANDIDATES at its level of tension
-CANDIDATES = 8
-JOINTS_AT_A_TIME = 256_000  # of candidates solved together, which bounds the memory
+STARTS = 96  # per episode, at most
 
 WITH_FRICTION = (
     "With friction the tip under a command depends on the moves before it: no floor is known that holds for every path."
 )
 
 WITH_TERMS = "Own targets have no floor, which is searched for from the tensions of a target: target_tensions have one."
-
-_LOWEST = 1e-3  # of the highest tension: lowest one of starts
-_ONWARDS = 8  # times that the best searches of an episode go on where none has converged
-_GO_ON = 4  # of them
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,6 @@ def episode_floor(
     seeds: Sequence[int],
     steps: Sequence[int] | None = None,
     starts: int = STARTS,
-    candidates: int = CANDIDATES,
 ) -> Floor:
     """The floor of the episodes that reset(seed=...) begins, arrays (E, ...) at their last step.
 
@@ -92,7 +85,7 @@ def episode_floor(
         env: an environment of rj_gym that tracks a target.
         seeds: one per episode.
         steps: steps to look at, from 0 (after reset) to episode_steps: arrays (E, len(steps), ...).
-        starts, candidates: as for `floor`.
+        starts: as for `floor`.
     Raises:
         ConfigError: another environment, or one with friction, own targets.
         InvalidInput: a step that does not exist.
@@ -112,7 +105,7 @@ def episode_floor(
         parts = task.episodes_by_links(generators)
     else:
         parts = [(np.arange(len(seeds)), task, task.sample(generators))]
-    floors = [_floor_of(own, episodes, moments, starts, candidates) for _, own, episodes in parts]
+    floors = [_floor_of(own, episodes, moments, starts) for _, own, episodes in parts]
     order = np.argsort(np.concatenate([rows for rows, _, _ in parts]))
     if len({each.joint_angles.shape[-1] for each in floors}) > 1:
         floors = _with_all_joints(floors)
@@ -120,7 +113,7 @@ def episode_floor(
     return joined if steps is not None else _joined([joined], lambda values: values[0][:, 0])
 
 
-def _floor_of(task: TrackingTask, episodes: Any, moments: Sequence[int], starts: int, candidates: int) -> Floor:
+def _floor_of(task: TrackingTask, episodes: Any, moments: Sequence[int], starts: int) -> Floor:
     """The floor of episodes of one task at these steps, arrays (E, steps, ...)."""
     config: Any = task.config
     chains = [episodes.mechanisms[design] for design in episodes.designs]
@@ -140,7 +133,7 @@ def _floor_of(task: TrackingTask, episodes: Any, moments: Sequence[int], starts:
             else np.where(lost[:, None], solve_tensions_batch(chains, start_tensions, base).tip, equilibria.tip)
         )
         loads = task.load_tables(episodes, step)
-        return floor(chains, targets, loads, usable, starts, candidates)
+        return floor(chains, targets, loads, usable, starts)
 
     floors = [at(step) for step in (moments if varies else moments[:1])]
     return _joined(floors if varies else floors * len(moments), lambda parts: np.stack(parts, axis=1))
@@ -162,108 +155,29 @@ def floor(
     loads: Array,
     tension_range: tuple[float, float],
     starts: int = STARTS,
-    candidates: int = CANDIDATES,
 ) -> Floor:
     """The smallest distances from tip to target, arrays (E, ...).
 
-    `reach_batch` from several starts: Gauss-Newton on tensions and joint angles, within the tension range.
-
     Args:
-        mechanism: a RollingChain or a HingeChain, or one per episode.
+        mechanism: a chain, or one per episode.
         targets: (E, 2 or 3) [mm].
         loads: load tables, (E, rows, columns), columns rollingjoint.load.LOAD_COLUMNS or SPATIAL_LOAD_COLUMNS.
         tension_range: lowest and highest tension of every tendon [N].
-        starts: starts per episode, each at another level of tension.
-        candidates: equilibria per level of which the one nearest to the target is the start.
+        starts: as of `reach_batch`.
     Raises:
         SolverError: a load under which no start has an equilibrium.
-    Source: docs/inverse.md.
     """
     chains = [mechanism] * len(targets) if isinstance(mechanism, Chain) else list(mechanism)
-    every = _FloorBatch(np.array(chains, dtype=object), targets, loads, tension_range)
-    parts, together = [], max(1, JOINTS_AT_A_TIME // (chains[0].n_joints * starts * candidates))
-    for first in range(0, len(targets), together):
-        parts.append(_search(every[first : first + together], starts, candidates))
-    return _joined(parts, np.concatenate)
+    is_uniform = all(chain == chains[0] for chain in chains)
+    best = reach_batch(chains[0] if is_uniform else chains, targets, loads, tension_range, starts=starts)
+    if np.isinf(best.distance).any():
+        raise SolverError(
+            "no floor: under the load of an episode no start has an equilibrium; are the loads too large?"
+        )
+    settled = best.status <= int(ReachStatus.OUT_OF_REACH)
+    status = np.where(settled, best.equilibrium.status, int(Status.NOT_CONVERGED))
+    return Floor(best.distance, best.tip, best.tensions, best.lengths, best.joint_angles, status)
 
 
 def _joined(parts: Sequence[Floor], join: Callable[..., Any]) -> Floor:
     return Floor(**{field.name: join([getattr(part, field.name) for part in parts]) for field in fields(Floor)})
-
-
-@dataclass(frozen=True)
-class _FloorBatch:
-    """A batch of searches: mechanisms (B,), targets (B, d), load tables (B, rows, columns)."""
-
-    chains: NDArray[np.object_]
-    targets: Array
-    loads: Array
-    tension_range: tuple[float, float]
-
-    def __getitem__(self, rows: NDArray[np.int64] | slice) -> _FloorBatch:
-        names = ("chains", "targets", "loads")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    @property
-    def mechanism(self) -> Any:
-        """The mechanism in the form that the solvers take: one, or one per search."""
-        is_uniform = bool(np.all(self.chains == self.chains[0]))
-        return self.chains[0] if is_uniform else list(self.chains)
-
-
-def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
-    """The best of the local minima that are found from the starts."""
-    episodes, begin = _starts(batch, starts, candidates)
-    ends = _ends(batch[episodes], begin)
-    for _ in range(_ONWARDS):
-        order = np.lexsort((ends.errors, episodes))
-        _, firsts, counts = np.unique(episodes[order], return_index=True, return_counts=True)
-        going = ends.status[order[firsts]] == int(Status.NOT_CONVERGED)
-        near = np.arange(len(order)) - np.repeat(firsts, counts) < _GO_ON
-        rows = order[near & np.repeat(going, counts)]
-        if len(rows) == 0:
-            break
-        many = batch[episodes[rows]]
-        angles, limits = ends.joint_angles[rows], batch.tension_range
-        again = _ends(many, solve_lengths_batch(many.mechanism, ends.commands[rows], many.loads, angles, limits))
-        for field in fields(Floor):
-            getattr(ends, field.name)[rows] = getattr(again, field.name)
-    best = order[firsts]
-    return _joined([ends], lambda values: values[0][best])
-
-
-def _ends(batch: _FloorBatch, start: Any) -> Floor:
-    """Where single searches end, (B, ...)."""
-    ends = reach_batch(
-        batch.mechanism, batch.targets, batch.loads, batch.tension_range, prefer="start", start=start, starts=1
-    )
-    settled = ends.status <= int(ReachStatus.OUT_OF_REACH)
-    status = np.where(settled, ends.equilibrium.status, int(Status.NOT_CONVERGED))
-    places = ends.distance, ends.tip, ends.tensions, ends.lengths, ends.joint_angles
-    return Floor(*map(np.array, places), status=status)
-
-
-def _starts(batch: _FloorBatch, starts: int, candidates: int) -> tuple[NDArray[np.int64], Any]:
-    """Episodes (B,) of the starts, and equilibria there."""
-    count, drawn, m = len(batch.targets), starts * candidates, batch.chains[0].n_tendons
-    tensions = np.tile(_levels(batch.tension_range, drawn, m), (count, 1))
-    many = batch[np.repeat(np.arange(count), drawn)]
-    equilibria = solve_tensions_batch(many.mechanism, tensions, many.loads)
-    errors = np.where(equilibria.ok, np.linalg.norm(equilibria.tip - many.targets, axis=1), np.inf)
-    best = np.arange(count * starts) * candidates + errors.reshape(-1, candidates).argmin(axis=1)
-    best = best[np.isfinite(errors[best])]
-    if len(np.unique(best // drawn)) < count:
-        raise SolverError(
-            "no floor: under the load of an episode no start has an equilibrium; are the loads too large?"
-        )
-    chosen, angles = many[best], equilibria.joint_angles[best]
-    return best // drawn, solve_tensions_batch(chosen.mechanism, tensions[best], chosen.loads, angles)
-
-
-def _levels(tension_range: tuple[float, float], count: int, m: int) -> Array:
-    """Tensions (count, m) [N] from one level to the next: half are drawn uniformly, half by their logarithms."""
-    low, high = tension_range
-    lowest = max(low, _LOWEST * high)
-    uniform, logarithmic = np.random.default_rng(0).random((2, count // 2, m))
-    tensions: Array = np.concatenate([low + (high - low) * uniform, lowest * (high / lowest) ** logarithmic])
-    return tensions[np.argsort(np.log(np.maximum(tensions, lowest)).mean(axis=1), kind="stable")]

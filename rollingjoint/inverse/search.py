@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain, check_chain
 from rollingjoint.chain.solution import Solution
-from rollingjoint.checks import as_choice, as_integer, as_number, as_positive, seen_as_vector
+from rollingjoint.checks import as_integer, as_number, as_positive, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.aims import Aims
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
-from rollingjoint.inverse.searches import CLOSE, PREFERENCES, START, TOLERANCE, Searches, first_of, preferred_tensions
+from rollingjoint.inverse.searches import CLOSE, TOLERANCE, Searches, first_of, preferred_tensions
 from rollingjoint.inverse.starts import samples_of
 from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, step_to
 from rollingjoint.inverse.warm import reach_from
@@ -64,8 +64,7 @@ def reach(
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
         inputs: "lengths" (elastic tendons, which may hold poses that tensions do not), or "tensions".
         prefer: which of many solutions: "tension", the least tensions (least squares from the lower limit, or 0.1 N);
-            "margins", the tensions nearest the middle of the limits; "stiffness", those nearest the upper limit;
-            "start", those nearest to where the search starts.
+            "margins", the tensions nearest the middle of the limits; "stiffness", those nearest the upper limit.
         start: joint angles, an equilibrium or a Reach to start from; default: the nearest of 1,024 equilibria.
         starts: how many starts are tried before the target counts as out of reach.
         lever: mm that count as much as a turn of 1 rad; default: a tenth of the mechanism's length.
@@ -102,8 +101,7 @@ def reach(
     if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
         limits = broadcast_limits(tension_limits, mechanism.n_tendons)
         target = seen_as_vector("tip", tip, mechanism.dimension, "coordinates")
-        preferred = start.tensions if prefer == START else preferred_tensions(prefer, *limits)
-        warm = reach_from(mechanism, target, table, limits, preferred, start.equilibrium)
+        warm = reach_from(mechanism, target, table, limits, preferred_tensions(prefer, *limits), start.equilibrium)
         equilibrium, lengths, distance, steps = warm
         if distance <= TOLERANCE:
             return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
@@ -128,17 +126,16 @@ def _reach_by_solves(
     goal = Goal.of(chain, tip, checked_lever(first["lever"]), single=True)
     if situation.aims.contact_force is not None and goal.links.tolist() != [chain.n_links - 1]:
         raise InvalidInput("tip", tip, "the tip or its pose, no shape, beside contact_force")
+    situation = replace(situation, preferred=np.asarray(preferred_tensions(first["prefer"], *limits)))
     near = TOLERANCE if situation.surroundings is None and history is None else _BY_SOLVES
     moves: list[Move] = []
     if history is not None:
         if not isinstance(history, Solution):
             raise InvalidInput("history", history, "an equilibrium")
-        situation = _preferring(situation, first["prefer"], history)
         before = HeldPose(situation, goal, history, np.zeros(chain.n_tendons))
         moves.append(step_to(replace(before, command=before.held), situation, goal, near, jumps=True))
     else:
         plain = plain or reach(chain, tip, situation.loads, limits, **first)
-        situation = _preferring(situation, first["prefer"], plain)
         within = situation.joint_limits
         suffices = (
             not situation.aims and situation.surroundings is None and within is not None and _within(plain, within)
@@ -159,13 +156,6 @@ def _reach_by_solves(
     solves = sum(move.solves for move in moves)
     distance = best.pose.distance if best.ok else np.inf
     return Reach(at, command, distance, status, limits, from_rest, solves, situation.joint_limits)
-
-
-def _preferring(situation: Situation, prefer: str, before: Solution | Reach) -> Situation:
-    """The situation with the tensions that are preferred; before: where the search starts."""
-    limits = situation.limits[0], situation.limits[1]
-    preferred = before.tensions if prefer == START else preferred_tensions(prefer, *limits)
-    return replace(situation, preferred=np.asarray(preferred))
 
 
 def _begins(
@@ -248,12 +238,11 @@ def all_solutions(
     Args:
         starts: how many of the 1,024 starts are tried, the nearest first.
         apart: equilibria with a joint angle that differs by more are different [rad].
-        mechanism, tip, loads, tension_limits, inputs, prefer, lever: as of `reach`, without prefer="start".
+        mechanism, tip, loads, tension_limits, inputs, prefer, lever: as of `reach`.
     Raises:
         InvalidInput: as `reach`.
     """
     check_chain(mechanism)
-    as_choice("prefer", prefer, PREFERENCES)
     count, nearest = as_integer("starts", starts, 1), as_number("apart", apart, 0.0)
     table = _table_of(mechanism, loads)
     goal = Goal.of(mechanism, tip, checked_lever(lever), single=True).take(np.zeros(count, np.int64))

@@ -33,17 +33,17 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 PREFERENCES = ("tension", "margins", "stiffness")
-"""Values of `prefer` that need no start."""
-START = "start"
+"""Values of `prefer`."""
 INPUTS = ("lengths", "tensions")
 TOLERANCE = 1e-6  # mm: a nearer target is reached
 CLOSE = 4  # starts within joint limits that are tried
 _LEVELS, _STRIDE = 16, 5  # of the tensions of starts; from one level to the next that is tried
 _FARTHER = 1.5  # factor from one start of a level to the next, squared
 _WAVE, _GROWTH, _MOST_STARTS = 4096, 4, 16384  # searches before what they reach are starts; factor to the next; of them
-_NEAR_ONLY = 1 + _LEVELS  # after so many starts only searches that have come near go on
+_NEAR_ONLY = 7  # so many starts are tried last, from each level's on, only where a search has come near
+_ONWARDS = 8  # times that searches which have not converged go on
 _PREFERRED = 2  # starts; searches from later ones keep to the tensions with which they begin
-_NEAR = 1e-3  # of a mechanism's length: a search that ends so near goes on from there
+_NEAR, _EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
     Annotated[Floats, "B", "coordinates"],
@@ -63,7 +63,6 @@ class Searches:
     limits: Array  # (2, m) N
     inputs: str
     preferred: Array  # (m,) N
-    keeps: bool  # whether the tensions at which a search starts are the preferred ones
 
     @classmethod
     def of(
@@ -81,7 +80,7 @@ class Searches:
         limits = tension_limits_of(tension_limits, first.n_tendons)
         batch = Batch.of(mechanism, "tensions", np.zeros((len(goal.points), first.n_tendons)))
         preferred = np.asarray(preferred_tensions(prefer, *limits))
-        return cls(batch, goal, batch.tables(loads), limits, inputs, preferred, prefer == START)
+        return cls(batch, goal, batch.tables(loads), limits, inputs, preferred)
 
     def situation(self, row: int, joint_limits: Array | None) -> Situation:
         """The mechanism, loads and limits of a row, for a search by solves."""
@@ -98,13 +97,13 @@ class Searches:
         samples = first = values = None
         horizons: list[Array] = []
         for attempt in range(starts):
-            if attempt == _NEAR_ONLY:
+            if attempt == max(1 + _LEVELS, starts - _NEAR_ONLY):
                 best.over[best.distance > _NEAR * self.goal.size] = True
             rows = np.flatnonzero((best.distance > TOLERANCE) & ~best.over)
             if len(rows) == 0:
                 break
             if attempt == 0 and start is not None:
-                ends = self._searched(rows, *self._given(start), self.keeps)
+                ends = self._searched(rows, *self._given(start), False)
             else:
                 if samples is None:
                     samples, horizons = self._samples(), [np.full(len(best.distance), -1.0)]
@@ -117,18 +116,24 @@ class Searches:
                         later = rows[ranks > rank]  # type: ignore[operator]
                         for values_of, nearer in zip(begin, self._nearest(samples[0], later, horizons[0]), strict=True):
                             values_of[later] = nearer
-                    ends = self._searched(rows, *begin, self.keeps or attempt >= _PREFERRED)
+                    ends = self._searched(rows, *begin, attempt >= _PREFERRED)
                 if level == 0:
                     best.over[rows] |= np.isinf(horizons[0][rows])
                     horizons += [horizons[0].copy() for _ in range(_LEVELS)]
                 else:
                     horizons[level] *= _FARTHER
             solution, tried_values = self._kept(best, rows, ends)
-            near = np.flatnonzero((best.distance > TOLERANCE) & (best.distance < _NEAR * self.goal.size))
+            between = (best.distance > _EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
+            near = rows[between[rows]]
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
                 self._kept(best, near, self._searched(near, best.angles[near], best.tensions[near], True))
             if attempt == 0 and len(rows) == len(best.distance):
                 first, values = solution, tried_values
+        for _ in range(_ONWARDS):
+            rows = np.flatnonzero((best.outcome == kernels.STOPPED) & (best.distance > TOLERANCE))
+            if len(rows) == 0:
+                break
+            self._kept(best, rows, self._searched(rows, best.angles[rows], best.tensions[rows], False))
         chain = self.batch.chains[0]
         if first is None:  # no rows
             first, values = self._solve(np.arange(0), best.inputs, chain, None), best.inputs
@@ -142,7 +147,7 @@ class Searches:
         parts, pool, first = [], samples, 0
         while first < len(rows) or not parts:
             wave = rows[first : max(_WAVE, _GROWTH * first)]
-            parts.append(self._searched(wave, *self._nearest(pool, wave, horizon), self.keeps))
+            parts.append(self._searched(wave, *self._nearest(pool, wave, horizon), False))
             first += len(wave)
             if first <= _MOST_STARTS and first < len(rows):
                 ok = parts[-1].outcome == kernels.REACHED
@@ -310,12 +315,12 @@ class _Best:
 
 
 def preferred_tensions(prefer: str, low: ArrayLike, high: ArrayLike) -> ArrayLike:
-    """The tensions that are preferred, numbers or (m,) [N]; of START, those of a start without tensions."""
-    if prefer in ("tension", START):
+    """The tensions that are preferred, numbers or (m,) [N]."""
+    if prefer == "tension":
         if type(low) is float and type(high) is float:
             return max(low, min(_LEAST, high)) if abs(low) < np.inf else 0.0
         return np.where(np.isfinite(low), np.maximum(low, np.minimum(_LEAST, high)), 0.0)
-    as_choice("prefer", prefer, (*PREFERENCES, START))
+    as_choice("prefer", prefer, PREFERENCES)
     low, high = np.asarray(low, float), np.asarray(high, float)
     if np.isposinf(high).any():
         raise InvalidInput(

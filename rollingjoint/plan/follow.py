@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain, check_chain
 from rollingjoint.chain.solution import Solution, stacked
-from rollingjoint.checks import as_choice, as_floats, as_integer, as_positive
+from rollingjoint.checks import as_floats, as_integer, as_positive
 from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach
@@ -71,7 +71,7 @@ def plan_path(
         rate: largest rate of the lengths, a number or (m,) [mm/s].
         step: largest distance between targets, further ones are put in between [mm]; default: a hundredth of the
             mechanism's length.
-        prefer: which of many solutions, as of `reach`, without "start".
+        prefer: which of many solutions, as of `reach`.
         start: an equilibrium or a Reach from which a straight line leads to the path; default: at the first target.
         starts: how many plans are tried.
         lever: mm that count as much as a turn of 1 rad; default: a tenth of the mechanism's length.
@@ -95,7 +95,7 @@ def plan_path(
     cap = checked_wall_force(wall_force)
     near, count = as_positive("tolerance", tolerance, "a positive number [mm]"), as_integer("starts", starts, 1)
     walls = None if surroundings is None else walls_of(surroundings, mechanism)
-    preferred_tensions(as_choice("prefer", prefer, PREFERENCES), *limits)
+    preferred_tensions(prefer, *limits)
     words = [prefer, *(word for word in PREFERENCES if word != prefer and np.isfinite(limits[1]).all())]
     situation = Situation(mechanism, loads, limits, np.zeros(mechanism.n_tendons), cap, walls, task.bases[0])
     best: _Way | None = None
