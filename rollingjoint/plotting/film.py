@@ -39,7 +39,6 @@ _UPRIGHT = (0.06, 0.1, 0.42, 0.88), (0.5, 0.2, 0.014, 0.6), (0.65, 0.11, 0.33, 0
 _SLENDER = 2.0  # times as high as wide: a chain in space that lies in the picture
 _STANDS: dict[str, Any] = {"elev": 14.0, "azim": -62.0}
 _LIES: dict[str, Any] = {"elev": 20.0, "azim": 8.0, "vertical_axis": "x"}
-_ZOOM = 1.0  # of axes in space, whose place is a square
 
 
 def gif_path(path: str | Path) -> Path:
@@ -176,7 +175,7 @@ class _Film:
             space.draw_pressed_in_space(ax, path[step], scale, self.colors, scale=False)
             ax.set(**dict(zip(("xlim", "ylim", "zlim"), zip(low, high, strict=True), strict=True)))
             ax.view_init(**_LIES if lies else _STANDS)
-            ax.set_box_aspect(size, zoom=_ZOOM)
+            ax.set_box_aspect(size)
             dot = self._draw_place(curve, step)
             self.canvas.draw()
             yield pixels_of(self.canvas)
