@@ -169,7 +169,7 @@ def floor(
     """
     chains = [mechanism] * len(targets) if isinstance(mechanism, Chain) else list(mechanism)
     is_uniform = all(chain == chains[0] for chain in chains)
-    best = reach_batch(chains[0] if is_uniform else chains, targets, loads, tension_range, starts=starts)
+    best: Any = reach_batch(chains[0] if is_uniform else chains, targets, loads, tension_range, starts=starts)
     if np.isinf(best.distance).any():
         raise SolverError(
             "no floor: under the load of an episode no start has an equilibrium; are the loads too large?"

@@ -144,7 +144,8 @@ class Searches:
 
     def _in_waves(self, samples: Any, rows: Rows, horizon: Array) -> _Ends:
         """Searches of all rows from the nearest starts; what the first ones reach are starts of those after them."""
-        parts, pool, first = [], samples, 0
+        parts: list[_Ends] = []
+        pool, first = samples, 0
         while first < len(rows) or not parts:
             wave = rows[first : max(_WAVE, _GROWTH * first)]
             parts.append(self._searched(wave, *self._nearest(pool, wave, horizon), False))
@@ -303,7 +304,7 @@ class _Best:
         distance = np.full(count, np.inf)
         return cls(lengths, rest, rest.copy(), np.zeros_like(lengths), distance, outcome, rested, iterations, ~rested)
 
-    def take(self, rows: Rows, places: Rows, results: tuple[Array, ...], from_rest: bool) -> None:
+    def take(self, rows: Rows, places: Rows, results: tuple[NDArray[Any], ...], from_rest: bool) -> None:
         """Keep the results at some places, for these rows, where they are nearer to the target than those so far."""
         inputs, angles, tensions, distance, outcome = (values[places] for values in results)
         better = (distance < self.distance[rows]) | ((outcome == kernels.INVALID) & np.isinf(self.distance[rows]))
