@@ -30,7 +30,9 @@ from rollingjoint import set_threads
 from rollingjoint.tables import markdown_table
 
 RESULTS, PICTURE = Path("docs/results.json.gz"), Path("docs/images/error_against_computation.png")
-WORLDS = ("Instrument", "InstrumentShift", "SlowCamera", "LatePose", "ArmInstrument")
+PLANAR = ("Instrument", "InstrumentShift", "SlowCamera", "LatePose")
+WORLDS = (*(f"{world}-v{version}" for version in (0, 1) for world in PLANAR), "ArmInstrument-v0")
+COLUMNS = len(PLANAR)  # of panels: a row per version, and the arm below
 LEARNER = "policy"
 MARKERS = "osD^vPX<>hpd8"
 
@@ -66,12 +68,13 @@ def _timed(record: BenchmarkRecord) -> dict[str, tuple[str, Controller]]:
 
 def figure_with(points: Mapping[str, Mapping[str, Point]]) -> Figure:
     """A panel per world, error over time per action, both logarithmic; all with the same times."""
-    figure = figure_of(13.0, 7.5)
+    rows = len(points) // COLUMNS + 1  # the legend has a place of its own
+    figure = figure_of(15.0, 3.6 * rows)
     names = list(dict.fromkeys(name for of_world in points.values() for name in of_world))
     handles = {}
     for place, (world, of_world) in enumerate(points.items()):
-        axes = figure.add_subplot(2, 3, place + 1, sharex=figure.axes[0] if place else None, title=world)
-        axes.set(xlabel="processor time per action [µs]", ylabel="mean tip error [mm]" if place % 3 == 0 else "")
+        axes = figure.add_subplot(rows, COLUMNS, place + 1, sharex=figure.axes[0] if place else None, title=world)
+        axes.set(xlabel="processor time per action [µs]", ylabel="mean tip error [mm]" if place % COLUMNS == 0 else "")
         axes.set(xscale="log", yscale="log")
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -80,7 +83,7 @@ def figure_with(points: Mapping[str, Mapping[str, Point]]) -> Figure:
         tidy(axes)
         for name, point in of_world.items():
             handles[name] = _draw(axes, point, names.index(name), name == LEARNER)
-    figure.legend(handles.values(), handles, loc="lower right", bbox_to_anchor=(0.92, 0.02), frameon=False)
+    figure.legend(handles.values(), handles, loc="lower right", bbox_to_anchor=(0.98, 0.02), ncols=2, frameon=False)
     return figure
 
 
@@ -103,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     set_threads(1)
     records = {record.env_id: record for record in read_results(RESULTS).benchmarks}
     points = {
-        world: points_of(records[f"rj_gym/{world}-v0"], arguments.lanes, arguments.rounds) for world in arguments.worlds
+        world: points_of(records[f"rj_gym/{world}"], arguments.lanes, arguments.rounds) for world in arguments.worlds
     }
     rows = [
         [world, name, f"{time:.1f}", with_interval(error, mm)]

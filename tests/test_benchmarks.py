@@ -281,7 +281,7 @@ def test_every_controller_with_a_time_and_an_error_is_in_the_picture(tmp_path, c
     from agents.results import read_results
 
     path = tmp_path / "picture.png"
-    computation.main(["--worlds", "SlowCamera", "--lanes", "2", "--rounds", "1", "--picture", str(path)])
+    computation.main(["--worlds", "SlowCamera-v0", "--lanes", "2", "--rounds", "1", "--picture", str(path)])
     rows = capsys.readouterr().out.splitlines()[2:]
     [scored] = [each for each in read_results(computation.RESULTS).benchmarks if each.env_id == "rj_gym/SlowCamera-v0"]
     tuned = computation.tuned_controllers(scored.env_id)

@@ -37,7 +37,7 @@ class _EpisodeMemory:
     values: Vectors | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ShippedPolicy(Controller):
     """A trained policy as it is shipped: network, normaliser, the environment that it was trained for, its score.
 
@@ -80,6 +80,11 @@ class ShippedPolicy(Controller):
         if len(self.network.low) != task.action_size:
             raise PolicyError("actions", len(self.network.low), f"{task.action_size}, one per tendon, and of the feed")
         self._check_entries(self.settings)
+
+    def __repr__(self) -> str:
+        sizes = [len(self.entries), *self.network.hidden, len(self.network.low)]
+        kind = f"{self.algorithm}, {self.network.KIND}, {' - '.join(map(str, sizes))}"
+        return f"<ShippedPolicy {self.name!r} for {self.env_id}: {kind}>"
 
     @property
     def goal(self) -> bool:

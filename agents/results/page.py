@@ -32,7 +32,7 @@ ERRORS = ("mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]")
 SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
 ACTION = "µs per action"
-SMOOTHER, PLAIN = "smoother", "Plain PPO"
+SMOOTHER, MPC, PLAIN = "smoother", "mpc", "Plain PPO"
 TRAINING = ("steps", "training [min]", "seeds")
 CHANGE = "change of the mean [%]"
 
@@ -133,11 +133,11 @@ class Tables:
         return "" if not all(times) else f"{mean:.0f}" if mean >= 10.0 else f"{mean:.1f}"
 
     def costs(self) -> list[str]:
-        """A row: the best learner, the smoother, the best other opponent, plain PPO, feedback on the true state."""
+        """A row: the best learner, the smoother, mpc, the best of the others, plain PPO, feedback on the true state."""
         record, (own, *_) = self.record, self.worlds
         plain = next((name for name in own.names if name.startswith(PLAIN.lower().replace(" ", "_"))), None)
         privileged = next((name for name in own.names if record.controller(name).privileged), None)
-        learner, other = own.policy, record.best(BASELINE, but=[SMOOTHER])
+        learner, other = own.policy, record.best(BASELINE, but=[SMOOTHER, MPC])
 
         def cell(name: str | None) -> str:
             if name is None or name not in own.names:
@@ -146,7 +146,7 @@ class Tables:
             return mm(own.mean(name).value) + (f" / {microseconds}" if microseconds else "")
 
         known = KNOWN_MM.get(record.env_id)
-        cells = [cell(learner), "" if learner is None else self._training(learner)[1], cell(SMOOTHER)]
+        cells = [cell(learner), "" if learner is None else self._training(learner)[1], cell(SMOOTHER), cell(MPC)]
         cells += [f"{other}: {cell(other)}" if other else "", cell(plain), cell(privileged)]
         cells.append(f"{known:g}" if known else "")
         return [f"[{record.title}](#{_anchor(record.title)})", *cells]
@@ -201,7 +201,7 @@ def _costs(tables: Sequence[Tables]) -> list[str]:
         "tip is estimated from what sensors tell ([opponents.md](opponents.md#what-can-be-known-at-all)); it is no "
         "bound."
     )
-    head = ("task", "best learner", "training [min]", SMOOTHER, "best other", PLAIN, "true state", "can be known")
+    head = ("task", "best learner", "training [min]", SMOOTHER, MPC, "best other", PLAIN, "true state", "can be known")
     return ["## What it takes", text, markdown_table(head, rows)]
 
 

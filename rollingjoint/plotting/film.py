@@ -39,7 +39,6 @@ _UPRIGHT = (0.06, 0.1, 0.42, 0.88), (0.5, 0.2, 0.014, 0.6), (0.65, 0.11, 0.33, 0
 _SLENDER = 2.0  # times as high as wide: a chain in space that lies in the picture
 _STANDS: dict[str, Any] = {"elev": 14.0, "azim": -62.0}
 _LIES: dict[str, Any] = {"elev": 20.0, "azim": 8.0, "vertical_axis": "x"}
-_ZOOM = 1.0  # of axes in space, whose place is a square
 
 
 def gif_path(path: str | Path) -> Path:
@@ -97,12 +96,12 @@ def save_wall_film(
     """
     if len(path) != len(inputs) or not path or any(eq.walls is None for eq in path):
         raise InvalidInput("path", f"{len(path)} equilibria", f"{len(inputs)} equilibria among walls, one per input")
-    pictures = _Film(path, np.asarray(inputs, float), label)
+    pictures = _Pictures(path, np.asarray(inputs, float), label)
     in_space = isinstance(path[0], EquilibriumInSpace)
     return save_gif(pictures.in_space() if in_space else pictures.in_plane(), gif_path(file))
 
 
-class _Film:
+class _Pictures:
     """Pictures of a path among walls; arguments of save_wall_film."""
 
     def __init__(self, path: Sequence[Any], inputs: Array, label: str) -> None:
@@ -176,7 +175,7 @@ class _Film:
             space.draw_pressed_in_space(ax, path[step], scale, self.colors, scale=False)
             ax.set(**dict(zip(("xlim", "ylim", "zlim"), zip(low, high, strict=True), strict=True)))
             ax.view_init(**_LIES if lies else _STANDS)
-            ax.set_box_aspect(size, zoom=_ZOOM)
+            ax.set_box_aspect(size)
             dot = self._draw_place(curve, step)
             self.canvas.draw()
             yield pixels_of(self.canvas)

@@ -18,7 +18,7 @@ from rollingjoint.kernels.planar_loads import LINK_COLUMNS, LOAD_COLUMNS
 
 Array = NDArray[np.float64]
 
-PARTS = (4, 16)
+PARTS = (4, 16, 64)
 """Numbers of equal parts in which a step is tried, the one after the other."""
 _LINKS = [LOAD_COLUMNS.index(name) for name in LINK_COLUMNS]
 

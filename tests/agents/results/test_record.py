@@ -140,14 +140,15 @@ def test_what_it_takes_is_told_where_a_smoother_drives():
     others = [
         controller("plain_ppo_demo", POLICY, 1.0),
         controller("smoother", BASELINE, -0.2),
+        controller("mpc", BASELINE, -0.1),
         controller("filter", BASELINE, 0.5),
         controller("teacher", BASELINE, -1.0, privileged=True),
     ]
     text = page(Results([benchmark(learned, *others)]), {}, {})
     (row,) = [line for line in text.splitlines() if line.startswith("| [demo](#demo) | 2") and "filter:" in line]
     cells = [cell.strip() for cell in row.split("|")[2:-1]]
-    assert cells[0].endswith(" / 4.4") and cells[1:2] == ["1.0"] and cells[3].startswith("filter: 2.")
-    assert float(cells[2]) < float(cells[0].split()[0]) < float(cells[4]) and cells[6] == ""
+    assert cells[0].endswith(" / 4.4") and cells[1:2] == ["1.0"] and cells[4].startswith("filter: 2.")
+    assert float(cells[2]) < float(cells[3]) < float(cells[0].split()[0]) < float(cells[5]) and cells[7] == ""
     assert "## What it takes" not in page(Results([benchmark(learned, others[2])]), {}, {})
 
 

@@ -247,12 +247,46 @@ def test_every_kernel_of_the_solvers_has_a_title():
     assert decorators and all("title=" in line for line in decorators)
 
 
+ONE_GROUP = """
+from rollingjoint.cli import main, warmup_command
+from rollingjoint.warmup import GROUPS
+warmup_command.all_groups = lambda: GROUPS[-1:]
+main(["warmup"]), main(["warmup"])
+"""
+
+
+@pytest.mark.slow
+def test_the_command_keeps_what_its_processes_compile(tmp_path):
+    title = ["motors", "and", "sheaths"]
+    said = run(tmp_path, ONE_GROUP)
+    assert [word for word in said if word.isalpha()][:10] == ["compiling", *title, "compiled", *title, "in", "s"]
+    (folder,) = tmp_path.iterdir()
+    assert " ".join(said).endswith(f"all kernels are there, kept in {folder}") and list(folder.glob("*.nbc"))
+
+
+WARM_UP = """
+import shutil, sys
+from pathlib import Path
+from rollingjoint._numba.cache import cache_directory
+from rollingjoint.warmup import all_groups, compile_kernels, missing
+
+opened = set()
+sys.addaudithook(lambda event, arguments: opened.add(str(arguments[0])) if event == "open" else None)
+assert compile_kernels(missing(all_groups())) and not missing(all_groups())
+copy = Path(sys.argv[1]) / cache_directory().name
+copy.mkdir(mode=0o700)
+for path in filter(lambda path: path.suffix in (".nbi", ".nbc"), map(Path, sorted(opened))):
+    shutil.copy2(path, copy)
+"""
+
+
 @pytest.fixture(scope="module")
 def warm_folder(tmp_path_factory):
-    """A folder for kernels after `rj warmup`."""
+    """A folder with the kernels that `rj warmup` leaves in an empty one: the files that its groups read."""
     folder = tmp_path_factory.mktemp("kernels")
-    said = run(folder, "from rollingjoint.cli import main; main(['warmup'])")
-    assert {"kernels", "ready", "kept"} <= set(said)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", WARM_UP, str(folder)], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     return folder
 
 

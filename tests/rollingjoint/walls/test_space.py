@@ -315,6 +315,36 @@ def test_a_step_through_a_rod_is_taken_in_parts_or_refused():
     assert walls_through(walls, dragged, before.positions) == [0]
 
 
+def test_a_snap_over_the_end_of_a_rod_is_found_in_small_parts():
+    """From its last equilibrium against the rod the chain snaps off; seen from farther back it would pass through."""
+    chain, at = rj.pitch_yaw(), None
+    rod = rj.Capsule((-0.61, 3.02, 34.13), (-2.93, 4.52, 32.89), 0.98, stiffness=10.0)
+    walls = rj.Surroundings([rod], rj.Sleeve(3.0))
+    pulls = [
+        [-2, -2, -2, -2],
+        [-1, 6, -10, 5],
+        [7, 11, -9, 4],
+        [3, 6, -6, 10],
+        [2, 2, -2, 11],
+        [7, -5, 5, 13],
+        [-2, -10, -4, 6],
+        [-5, -11, -11, 12],
+        [-3, -10, -8, 21],
+        [6, -8, -1, 26],
+        [3, -13, -3, 32],
+        [2, -18, -12, 40],
+        [0, -12, -16, 46],
+        [9, -9, -24, 42],
+        [3, -2, -18, 36],
+        [10, 8, -24, 28],
+    ]  # of tendons, tenths of a millimetre
+    for pull in pulls:
+        lengths = chain.neutral_lengths + np.array(pull) / 10.0
+        at = rj.solve_lengths(chain, lengths, tension_limits=(0.5, 30.0), surroundings=walls, start=at)
+        assert at.ok
+    assert at.walls.parts > 16 and at.walls.jumped and not at.wall_contacts
+
+
 def test_a_batch_and_a_prepared_problem_are_the_single_solves():
     walls = [around("sphere", 0.2), around("tube", 0.2)]
     alone = [solved(each) for each in walls]
