@@ -109,7 +109,7 @@ class ObstaclesEnv(TaskEnv):
     Drawn per episode by a search: a target at least `reach_mm` (25 mm) from the tip; a disc between the two, others
     anywhere; and commands by way of which the tip gets there in at most 45 steps, touching with 1 N at most. So every
     target can be reached, which gives the floor: 100 %. `info["sampled"]` has the commands "via" and "goal". The search
-    takes more than half a second of processor time an episode. `reset(options=...)` fixes "discs" and "target", together.
+    takes half a second of processor time or more an episode. `reset(options=...)` fixes "discs" and "target", together.
 
     ## Episode end
     As LumenEnv. A step that would pass through a disc, even in parts, also ends the episode.
@@ -121,7 +121,8 @@ class ObstaclesEnv(TaskEnv):
     `ObstaclesEnv(render_mode=None, config=None, **overrides)`: see ObstaclesConfig.
 
     ## Version history
-    * v0: first version, with slow draws: see ObstaclesV1Env.
+    * v1: other episodes, drawn faster: ObstaclesV1Env.
+    * v0: first version.
     """
 
     settings: ClassVar[type[Settings]] = ObstaclesConfig
@@ -130,12 +131,13 @@ class ObstaclesEnv(TaskEnv):
 
 
 class ObstaclesV1Env(ObstaclesEnv):
-    """Obstacles with other episodes, drawn eight times as fast: as ObstaclesEnv, with this difference.
+    """Obstacles with other episodes, drawn seven times as fast: as ObstaclesEnv but for what follows.
 
     ## Start
-    As ObstaclesEnv, but the search looks every few millimetres whether a way is clear of the discs (`search`: fine),
-    so that nearly every find is reached, and its ways go by commands of up to 13 mm in place of 7 mm (the distal
-    segment's besides 0.6 of the proximal's), which bend the instrument to an S. It takes less than a tenth of a second.
+    As ObstaclesEnv, but the search looks more closely whether a way is clear of the discs (`search`: fine), so that
+    nearly every way that it finds is passable, and its ways go by commands of up to 13 mm in place of 7 mm (the distal
+    segment's besides 0.6 of the proximal's), which bend the instrument to an S. It takes less than a tenth of a
+    second of processor time an episode.
 
     ## Arguments
     As ObstaclesEnv, with ObstaclesV1Config.
