@@ -131,7 +131,7 @@ class ObstaclesEnv(TaskEnv):
 
 
 class ObstaclesV1Env(ObstaclesEnv):
-    """Obstacles with other episodes, drawn seven times as fast: as ObstaclesEnv but for what follows.
+    """Obstacles with other episodes, drawn six times as fast: as ObstaclesEnv but for what follows.
 
     ## Start
     As ObstaclesEnv, but the search looks more closely whether a way is clear of the discs (`search`: fine), so that
