@@ -190,7 +190,7 @@ VIAS, MOST_STEPS = 32, 45
 """Commands by way of which targets behind discs are looked for, and steps of that way."""
 
 
-class Search(NamedTuple):
+class WaySearch(NamedTuple):
     """How a target behind discs is looked for.
 
     Fields: goals: targets that are tried together. pull: the largest of the commands by way of which it goes [mm].
@@ -202,7 +202,7 @@ class Search(NamedTuple):
     looks: int
 
 
-SEARCHES = {"coarse": Search(4, 7.0, 0), "fine": Search(4, 13.0, 4)}
+SEARCHES = {"coarse": WaySearch(4, 7.0, 0), "fine": WaySearch(4, 13.0, 4)}
 """By the setting `search`. Large pulls bend an instrument to an S, which leads around most discs."""
 
 
