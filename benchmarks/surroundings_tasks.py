@@ -80,7 +80,7 @@ CHOSEN: dict[str, dict[str, dict[str, float]]] = {
     "Obstacles": {
         "open loop, free space": {"share": 0.5},
         "feedback, free space": {"step_mm": 8.0, "damping": 0.3},
-        "feedback, contact*": {"step_mm": 3.0, "damping": 0.1},
+        "feedback, contact*": {"step_mm": 3.0, "damping": 0.03},
     },
     "ObstaclesV1": {
         "open loop, free space": {"share": 0.5},
@@ -89,8 +89,8 @@ CHOSEN: dict[str, dict[str, dict[str, float]]] = {
     },
     "HiddenWall": {
         "open loop, free space": {"share": 0.5},
-        "feedback, free space": {"step_mm": 1.0, "damping": 6.0},
-        "feedback, contact*": {"step_mm": 5.0, "damping": 0.3},
+        "feedback, free space": {"step_mm": 5.0, "damping": 0.03},
+        "feedback, contact*": {"step_mm": 5.0, "damping": 0.03},
         "seek the force*": {"near": 0.3},
     },
 }
