@@ -109,12 +109,12 @@ class Searches:
                     samples, horizons = self._samples(), [np.full(len(best.distance), -1.0)]
                 level = 0 if len(horizons) == 1 else 1 + _STRIDE * (attempt - 1) % _LEVELS
                 if level == 0 and ranks is None:
-                    ends = self._in_waves(samples[0], rows, horizons[0])
+                    ends = self._in_waves(samples(0), rows, horizons[0])
                 else:
-                    begin = self._nearest(samples[level], rows, horizons[level])
+                    begin = self._nearest(samples(level), rows, horizons[level])
                     for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
                         later = rows[ranks > rank]  # type: ignore[operator]
-                        for values_of, nearer in zip(begin, self._nearest(samples[0], later, horizons[0]), strict=True):
+                        for values_of, nearer in zip(begin, self._nearest(samples(0), later, horizons[0]), strict=True):
                             values_of[later] = nearer
                     ends = self._searched(rows, *begin, attempt >= _PREFERRED)
                 if level == 0:
@@ -163,8 +163,8 @@ class Searches:
         tensions = np.array(np.broadcast_to(getattr(solution, "tensions", self.preferred), self.batch.inputs.shape))
         return angles, tensions
 
-    def _samples(self) -> list[Any]:
-        """All starts, and those of each level of tensions.
+    def _samples(self) -> Callable[[int], kernels.Starts]:
+        """The starts of a level of tensions, from 1 on; 0: all.
 
         Equilibria under the loads, or, where those of the rows differ, of each sample under those of another row.
         """
@@ -174,9 +174,16 @@ class Searches:
         else:
             solution = samples_of(chain, tables[0] if len(tables) else self.tables[0] * 0.0, *self.limits)
         arrays = self.goal.coordinates_of(solution), solution.joint_angles, solution.tensions
-        means = np.log(np.maximum(solution.tensions, np.finfo(float).tiny)).mean(axis=1)
-        levels = np.array_split(np.argsort(means, kind="stable"), _LEVELS)
-        return [_starts(*arrays), *(_starts(*(values[level] for values in arrays)) for level in levels)]
+
+        @functools.cache
+        def of_level(level: int) -> kernels.Starts:
+            if level == 0:
+                return _starts(*arrays)
+            means = np.log(np.maximum(solution.tensions, np.finfo(float).tiny)).mean(axis=1)
+            chosen = np.array_split(np.argsort(means, kind="stable"), _LEVELS)[level - 1]
+            return _starts(*(values[chosen] for values in arrays))
+
+        return of_level
 
     def _nearest(self, samples: Any, rows: Rows, horizon: Array) -> tuple[Array, Array]:
         """Joint angles and tensions of the nearest start beyond those that were tried, of the rows."""
