@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,10 +36,14 @@ PREFERENCES = ("tension", "margins", "stiffness")
 """Values of `prefer`."""
 INPUTS = ("lengths", "tensions")
 TOLERANCE = 1e-6  # mm: a nearer target is reached
-CLOSE, _FARTHER = 4, 1.5  # starts that are nearest one after the other; factor from one to the next beyond, squared
-_FAR_STARTS = 12  # after so many only searches that have come near go on
-_PREFERRED = 2  # starts; later ones of a search that has come near keep to the tensions with which they begin
-_NEAR = 1e-3  # of a mechanism's length: a search that ends so near goes on from there
+CLOSE = 4  # starts within joint limits that are tried
+_LEVELS, _STRIDE = 16, 5  # of the tensions of starts; from one level to the next that is tried
+_FARTHER = 1.5  # factor from one start of a level to the next, squared
+_WAVE, _GROWTH, _MOST_STARTS = 4096, 4, 16384  # searches before what they reach are starts; factor to the next; of them
+_NEAR_ONLY = 7  # so many starts are tried last, from each level's on, only where a search has come near
+_ONWARDS = 8  # times that searches which have not converged go on
+_PREFERRED = 2  # starts; searches from later ones keep to the tensions with which they begin
+_NEAR, _EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
     Annotated[Floats, "B", "coordinates"],
@@ -91,34 +95,45 @@ class Searches:
         """
         best = _Best.none(len(self.goal.points), self.batch.chains[0])
         samples = first = values = None
+        horizons: list[Array] = []
         for attempt in range(starts):
-            if attempt == _FAR_STARTS:
+            if attempt == max(1 + _LEVELS, starts - _NEAR_ONLY):
                 best.over[best.distance > _NEAR * self.goal.size] = True
             rows = np.flatnonzero((best.distance > TOLERANCE) & ~best.over)
             if len(rows) == 0:
                 break
             if attempt == 0 and start is not None:
-                angles, tensions = self._given(start)
+                ends = self._searched(rows, *self._given(start), False)
             else:
                 if samples is None:
-                    samples = self._samples()
-                    horizon = np.full(len(best.distance), -1.0)
-                horizon *= 1.0 if attempt < CLOSE else _FARTHER
-                angles, tensions = self._nearest(samples, rows, horizon)
-                for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
-                    later = rows[ranks > rank]  # type: ignore[operator]
-                    angles[later], tensions[later] = self._nearest(samples, later, horizon)
-                best.over[rows] |= np.isinf(horizon[rows])
-            preferred = np.repeat(self.preferred[None], len(rows), axis=0)
-            if attempt >= _PREFERRED:
-                nearly = best.distance[rows] < _NEAR * self.goal.size
-                preferred[nearly] = tensions[nearly]
-            solution, tried_values = self._try(best, rows, angles, tensions, preferred)
-            near = np.flatnonzero((best.distance > TOLERANCE) & (best.distance < _NEAR * self.goal.size))
+                    samples, horizons = self._samples(), [np.full(len(best.distance), -1.0)]
+                level = 0 if len(horizons) == 1 else 1 + _STRIDE * (attempt - 1) % _LEVELS
+                if level == 0 and ranks is None:
+                    ends = self._in_waves(samples[0], rows, horizons[0])
+                else:
+                    begin = self._nearest(samples[level], rows, horizons[level])
+                    for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
+                        later = rows[ranks > rank]  # type: ignore[operator]
+                        for values_of, nearer in zip(begin, self._nearest(samples[0], later, horizons[0]), strict=True):
+                            values_of[later] = nearer
+                    ends = self._searched(rows, *begin, attempt >= _PREFERRED)
+                if level == 0:
+                    best.over[rows] |= np.isinf(horizons[0][rows])
+                    horizons += [horizons[0].copy() for _ in range(_LEVELS)]
+                else:
+                    horizons[level] *= _FARTHER
+            solution, tried_values = self._kept(best, rows, ends)
+            between = (best.distance > _EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
+            near = rows[between[rows]]
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
-                self._try(best, near, best.angles[near].copy(), best.tensions[near].copy(), best.tensions[near].copy())
+                self._kept(best, near, self._searched(near, best.angles[near], best.tensions[near], True))
             if attempt == 0 and len(rows) == len(best.distance):
                 first, values = solution, tried_values
+        for _ in range(_ONWARDS):
+            rows = np.flatnonzero((best.outcome == kernels.STOPPED) & (best.distance > TOLERANCE))
+            if len(rows) == 0:
+                break
+            self._kept(best, rows, self._searched(rows, best.angles[rows], best.tensions[rows], False))
         chain = self.batch.chains[0]
         if first is None:  # no rows
             first, values = self._solve(np.arange(0), best.inputs, chain, None), best.inputs
@@ -127,6 +142,20 @@ class Searches:
             first = first.with_rows(changed, self._solve(changed, best.inputs[changed], chain, best.starts[changed]))
         return self._reach(best, replace(first, mechanism=self.batch.mechanism))
 
+    def _in_waves(self, samples: Any, rows: Rows, horizon: Array) -> _Ends:
+        """Searches of all rows from the nearest starts; what the first ones reach are starts of those after them."""
+        parts: list[_Ends] = []
+        pool, first = samples, 0
+        while first < len(rows) or not parts:
+            wave = rows[first : max(_WAVE, _GROWTH * first)]
+            parts.append(self._searched(wave, *self._nearest(pool, wave, horizon), False))
+            first += len(wave)
+            if first <= _MOST_STARTS and first < len(rows):
+                ok = parts[-1].outcome == kernels.REACHED
+                more = self.goal.take(wave).coordinates, parts[-1].angles, parts[-1].tensions
+                pool = _starts(*(np.concatenate([old, new[ok]]) for old, new in zip(pool[1:], more, strict=True)))
+        return _Ends(*map(np.concatenate, zip(*parts, strict=True)))
+
     def _given(self, start: Start | Reach) -> tuple[Array, Array]:
         """Joint angles and tensions of a start that a caller gives."""
         solution: Any = start.equilibrium if isinstance(start, Reach) else start
@@ -134,18 +163,20 @@ class Searches:
         tensions = np.array(np.broadcast_to(getattr(solution, "tensions", self.preferred), self.batch.inputs.shape))
         return angles, tensions
 
-    def _samples(self) -> Any:
-        """Equilibria under the loads, or, where those of the rows differ, of each sample under those of another row."""
+    def _samples(self) -> list[Any]:
+        """All starts, and those of each level of tensions.
+
+        Equilibria under the loads, or, where those of the rows differ, of each sample under those of another row.
+        """
         chain, tables = self.batch.chains[0], self.tables[np.all(np.abs(self.tables) <= LARGEST_INPUT, axis=(1, 2))]
         if len(tables) and (tables != tables[0]).any():
             solution = sampled(chain, tables, *self.limits)
         else:
             solution = samples_of(chain, tables[0] if len(tables) else self.tables[0] * 0.0, *self.limits)
-        points = self.goal.coordinates_of(solution)
-        order = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
-        places = np.argsort(points[:, order], kind="stable")
-        angles, tensions = (values[places] for values in (solution.joint_angles, solution.tensions))
-        return kernels.Starts(np.array([order]), points[places], angles, tensions)
+        arrays = self.goal.coordinates_of(solution), solution.joint_angles, solution.tensions
+        means = np.log(np.maximum(solution.tensions, np.finfo(float).tiny)).mean(axis=1)
+        levels = np.array_split(np.argsort(means, kind="stable"), _LEVELS)
+        return [_starts(*arrays), *(_starts(*(values[level] for values in arrays)) for level in levels)]
 
     def _nearest(self, samples: Any, rows: Rows, horizon: Array) -> tuple[Array, Array]:
         """Joint angles and tensions of the nearest start beyond those that were tried, of the rows."""
@@ -157,58 +188,54 @@ class Searches:
         horizon[rows] = beyond
         return angles, tensions
 
-    def _try(self, best: _Best, rows: Rows, angles: Array, tensions: Array, preferred: Array) -> Any:
-        """Search from starts of some rows, and keep what is better; returns equilibria from rest and their inputs.
+    def _searched(self, rows: Rows, angles: Array, tensions: Array, keeps: bool) -> _Ends:
+        """Where searches of some rows end, from these joint angles and tensions.
 
-        preferred: tensions, (R, m) [N]. angles and tensions are overwritten.
+        keeps: whether the tensions of the start are the preferred ones.
         """
-        goal, chain = self.goal.take(rows), self.batch.chains[0]
-        low, high = (np.repeat(limit[None], len(rows), axis=0) for limit in self.limits)
-        lever, size = np.array([goal.lever]), np.array([goal.size])
-        lengths, distance, (iterations, outcome) = (
-            np.zeros_like(low),
-            np.zeros(len(rows)),
-            np.zeros((2, len(rows)), int),
-        )
+        goal = self.goal.take(rows)
+        low, high, preferred = (np.repeat(row[None], len(rows), axis=0) for row in (*self.limits, self.preferred))
+        iterations, outcome = np.zeros((2, len(rows)), int)
+        ends = _Ends(angles.copy(), tensions.copy(), np.zeros_like(low), np.zeros(len(rows)), iterations, outcome)
         arrays = kernels.InverseRows(
             self.batch.designs[rows],
             self.tables[rows],
             low,
             high,
-            preferred,
+            tensions.copy() if keeps else preferred,
             goal.links,
             goal.points,
             goal.frames,
-            lever,
-            size,
-            angles,
-            tensions,
-            lengths,
-            distance,
-            iterations,
-            outcome,
+            np.array([goal.lever]),
+            np.array([goal.size]),
+            *ends,
         )
         kind: Any = type(self.batch.arrays)
         search = partial(_code(kernels.reach_rows, kind, kernels.InverseRows), self.batch.arrays)
         run_in_threads(partial(search, arrays), len(rows), angles.shape[1], abandon=True)
-        found = outcome <= kernels.STOPPED
-        values = tensions
+        return ends
+
+    def _kept(self, best: _Best, rows: Rows, ends: _Ends) -> Any:
+        """Equilibria from rest where searches of some rows ended, and their inputs; keeps what is better."""
+        goal, chain = self.goal.take(rows), self.batch.chains[0]
+        found, values = ends.outcome <= kernels.STOPPED, ends.tensions
         if self.inputs == "lengths":
-            values = unstretched_length(lengths, tensions, self.batch.per_row("stiffnesses")[rows])
+            values = unstretched_length(ends.lengths, ends.tensions, self.batch.per_row("stiffnesses")[rows])
         values = np.where(found[:, None], values, best.inputs[rows])
         solution = self._solve(rows, values, chain, None)
         off = np.where(solution.ok & found, goal.distances(solution), np.inf)
-        best.take(rows, np.arange(len(rows)), (values, angles, tensions, off, outcome), True)
-        elsewhere = np.flatnonzero(found & (off > distance + TOLERANCE))
+        where_ended = values, ends.angles, ends.tensions
+        best.take(rows, np.arange(len(rows)), (*where_ended, off, ends.outcome), True)
+        elsewhere = np.flatnonzero(found & (off > ends.distance + TOLERANCE))
         if len(elsewhere):
             where = rows[elsewhere]
-            other = self._solve(where, values[elsewhere], chain, angles[elsewhere])
+            other = self._solve(where, values[elsewhere], chain, ends.angles[elsewhere])
             nearer = np.where(other.ok, goal.take(elsewhere).distances(other), np.inf)
             again = np.full(len(rows), np.inf)
             again[elsewhere] = np.where(nearer < off[elsewhere] - TOLERANCE, nearer, np.inf)
-            best.take(where, elsewhere, (values, angles, tensions, again, outcome), False)
-        best.iterations[rows] += iterations
-        best.over[rows] |= outcome == kernels.INVALID
+            best.take(where, elsewhere, (*where_ended, again, ends.outcome), False)
+        best.iterations[rows] += ends.iterations
+        best.over[rows] |= ends.outcome == kernels.INVALID
         return solution, values
 
     def _solve(self, rows: Rows, values: Array, mechanism: Any, starts: Array | None) -> Any:
@@ -237,6 +264,24 @@ class Searches:
         return Reach(solution, lengths, distance, status, (low, high), best.from_rest, best.iterations)
 
 
+class _Ends(NamedTuple):
+    """Where R searches ended."""
+
+    angles: Array  # (R, J) rad
+    tensions: Array  # (R, m) N
+    lengths: Array  # (R, m) of the tendons, mm
+    distance: Array  # (R,) mm
+    iterations: Rows
+    outcome: Rows
+
+
+def _starts(points: Array, angles: Array, tensions: Array) -> kernels.Starts:
+    """Starts in the order of the coordinate along which they are farthest apart."""
+    axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
+    order = np.argsort(points[:, axis], kind="stable")
+    return kernels.Starts(np.array([axis]), points[order], angles[order], tensions[order])
+
+
 @dataclass(frozen=True)
 class _Best:
     """The best results of B rows so far."""
@@ -259,7 +304,7 @@ class _Best:
         distance = np.full(count, np.inf)
         return cls(lengths, rest, rest.copy(), np.zeros_like(lengths), distance, outcome, rested, iterations, ~rested)
 
-    def take(self, rows: Rows, places: Rows, results: tuple[Array, ...], from_rest: bool) -> None:
+    def take(self, rows: Rows, places: Rows, results: tuple[NDArray[Any], ...], from_rest: bool) -> None:
         """Keep the results at some places, for these rows, where they are nearer to the target than those so far."""
         inputs, angles, tensions, distance, outcome = (values[places] for values in results)
         better = (distance < self.distance[rows]) | ((outcome == kernels.INVALID) & np.isinf(self.distance[rows]))

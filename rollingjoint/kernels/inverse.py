@@ -13,6 +13,8 @@ steps along them miss by what the next step corrects (the Maratos effect): withi
 lowers |tau + dtau_0 - preferred|², where dtau_0 is the least change that leaves no miss in the linear model. The last
 step is so short that what is linear says where it ends, without another evaluation. Joints that their limits hold are
 left out of H; where a trial finds other joints held than its base, the step from the base is tried with those, too.
+At a kink of the surfaces the linear model may promise a miss that no equilibrium has: a search whose steps become
+short off equilibrium goes to the equilibrium first.
 Source: docs/inverse.md; Nocedal and Wright, Numerical Optimization, 2006, ch. 16 (active sets), 15.6 (Maratos effect).
 """
 
@@ -39,20 +41,22 @@ REACHED, NEAREST, STOPPED, LOST, INVALID = range(5)
 MAX_ITERATIONS = 120
 _POLISHING = 10  # more of them after the tensions are chosen
 _FIRST_TRUST, _LARGEST_TRUST, _SMALLEST_TRUST = 1.0, 8.0, 1e-7
-_REACHED = 1e-10  # of the size: a smaller miss is none
+_REACHED = 2e-11  # of the size: a smaller miss is none
 _FUNNEL, _NARROWING = 0.02, 0.25  # a miss at which tensions may improve, of the size; of its square from step to step
 _CORRIDOR = 0.01  # of the size: the funnel does not become narrower
 _CLOSE = 1e-4  # of the size: so near the target the tensions may be settled
 _LAST = 1e-11  # rad: product of a step's turns and its shares of the tensions that is below rounding of the solver
 _CROSSINGS = 8  # steps that are taken for the tensions alone though other joints are held after them
-_REJECTED = 24  # trials after which a search gives up
+_DETOURS = 8  # all steps that are taken for the tensions alone
+_REJECTED = 48  # trials after which a search gives up
+_RESTORED = 0.01  # trust below which a search that is off equilibrium goes there
 _SETTLED = 1e-8  # rad: angles as near to equilibrium are at it
 _NO_GAIN = 1e-7  # of the squared miss: a smaller gain ends the search
 _NO_CHANGE = 2e-3  # of the tensions: a smaller change is not worth a step
 _SMALL_TRUST = 5e-3  # steps that short are not worth their while for the tensions alone
 _WEIGHT = 3e-6  # of the rates at the start, its root: of the second term
 _SINGULAR = 1e-13  # of the largest entry: a smaller pivot is none
-_DAMPING = 1e-12  # of the mean square of the rates: keeps the step where tensions change nothing
+_DAMPING = 1e-12  # of the largest entry, where tensions change nothing: keeps the step
 
 
 class InverseRows(NamedTuple):
@@ -244,7 +248,8 @@ def _search(chains, rows, row, state, model, scratch):
     weight = 0.0
     for j in range(m):
         weight += _WEIGHT**2 / m * model.square[0, j, j]
-    iterations, polishing, rejected, crossings, forced = 1, 0, 0, 0, False
+    iterations, polishing, rejected, crossings, detours, forced = 1, 0, 0, 0, 0, False
+    running, restores = 0, False  # trials rejected one after the other; whether the next one only goes to equilibrium
     funnel, corridor, worthwhile = (_FUNNEL * size) ** 2, (_CORRIDOR * size) ** 2, (_NO_CHANGE * most) ** 2
     value = _value(model, base, preferred, weight)
     _fill_offset(model, base, low, high, preferred, scratch)
@@ -253,7 +258,10 @@ def _search(chains, rows, row, state, model, scratch):
         gain = value - _step(model, base, low, high, preferred, weight, trust, most, scratch)
         saving = model.value[base, 3] - _offset_after(model, base, preferred, scratch.change)
         at_goal, close = miss <= (_REACHED * size) ** 2, _miss(model, base) <= (_CLOSE * size) ** 2
-        if not forced:
+        if restores:
+            for j in range(m):
+                scratch.change[j] = 0.0
+        elif not forced:
             reaches = polishing > 0 and close and value - gain <= (_REACHED * size) ** 2
             if reaches and _finishes(chain, model, base, scratch.change, most):
                 ended, miss, base = REACHED, 0.0, 1 - base
@@ -271,7 +279,7 @@ def _search(chains, rows, row, state, model, scratch):
         trial = 1 - base
         share = _advance(chain, model, base, trial, scratch.change)
         iterations += 1
-        fits = gain > 0.0 and _fill(chain, rows, row, trial, False, state, model, scratch)
+        fits = (gain > 0.0 or restores) and _fill(chain, rows, row, trial, False, state, model, scratch)
         new_value, new_miss, room = _value(model, trial, preferred, weight), _miss(model, trial), max(funnel, corridor)
         lower, inside, saved = new_value <= value - 1e-4 * share * gain, new_miss <= room, 0.0
         model.value[trial, 3] = np.inf
@@ -279,19 +287,22 @@ def _search(chains, rows, row, state, model, scratch):
             _fill_offset(model, trial, low, high, preferred, scratch)
             saved = model.value[base, 3] - model.value[trial, 3]
         saves = not forced and saving > worthwhile and saved >= 0.1 * share * saving
-        if saves and not lower and _hold_others(model):
-            crossings += 1
-            saves = crossings <= _CROSSINGS
-        if fits and (lower or saves):
+        if saves and not lower:
+            detours += 1
+            crossings += 1 if _hold_others(model) else 0
+            saves = detours <= _DETOURS and crossings <= _CROSSINGS
+        if fits and (lower or saves or restores):
             if saves and saved >= 0.5 * share * saving:
                 trust = min(min(2.0, _factor(room, new_miss)) * trust, _LARGEST_TRUST)
             elif not saves and new_value <= value - 0.5 * share * gain:
                 trust = min((4.0 if forced else 2.0) * trust, _LARGEST_TRUST)
             base, forced, value, miss = trial, False, new_value, model.value[trial, 0]
+            running, restores = 0, False
         else:
-            rejected += 1
+            rejected, running = rejected + 1, running + 1
             trust = min(trust, _least_trust(model, base, scratch.change, most))
-            trust *= 0.25 if forced or not fits else max(0.1, min(0.5, _factor(room, new_miss)))
+            trust *= 0.25 if forced or not fits or running > 2 else max(0.1, min(0.5, _factor(room, new_miss)))
+            restores = not restores and trust < _RESTORED and model.value[base, 2] > _SETTLED
             other = fits and not forced and _takes_limits(model, base, trial)
             if other or forced:
                 forced = other and _fill(chain, rows, row, base, True, state, model, scratch)
@@ -528,9 +539,7 @@ def _turn_from(frame, goal):
 def _step(model, base, low, high, preferred, weight, trust, most, scratch):
     """Fill the change of the tensions; returns the sum that it would leave."""
     square, hessian, gradient, change = model.square[base], scratch.hessian, scratch.gradient, scratch.change
-    m, trace = change.size, 0.0
-    for j in range(m):
-        trace += square[j, j]
+    m = change.size
     for j in range(m):
         tension = model.tension[base, j]
         farthest = trust * max(tension, 0.1 * most)
@@ -539,7 +548,7 @@ def _step(model, base, low, high, preferred, weight, trust, most, scratch):
         gradient[j] = model.slope[base, j] + weight * (tension - preferred[j])
         for k in range(j + 1):
             hessian[j, k] = hessian[k, j] = square[j, k]
-        hessian[j, j] += weight if weight > 0.0 else _DAMPING * trace / m
+        hessian[j, j] += weight
     _minimise_in_box(scratch)
     total = 0.0
     for j in range(m):
@@ -579,7 +588,9 @@ def _minimise_in_box(scratch):
             if settled:
                 break
         if cholesky(scratch.hessian, free, 0.0, scratch.L) < 0.0:
-            break
+            damping = _DAMPING * largest(scratch.hessian, free)
+            if cholesky(scratch.hessian, free, damping, scratch.L) < 0.0:
+                break
         cholesky_solve(scratch.L, free, slope, way)
         share, stop = 1.0, -1
         for j in range(m):

@@ -96,12 +96,12 @@ def save_wall_film(
     """
     if len(path) != len(inputs) or not path or any(eq.walls is None for eq in path):
         raise InvalidInput("path", f"{len(path)} equilibria", f"{len(inputs)} equilibria among walls, one per input")
-    pictures = _Film(path, np.asarray(inputs, float), label)
+    pictures = _Pictures(path, np.asarray(inputs, float), label)
     in_space = isinstance(path[0], EquilibriumInSpace)
     return save_gif(pictures.in_space() if in_space else pictures.in_plane(), gif_path(file))
 
 
-class _Film:
+class _Pictures:
     """Pictures of a path among walls; arguments of save_wall_film."""
 
     def __init__(self, path: Sequence[Any], inputs: Array, label: str) -> None:

@@ -85,8 +85,8 @@ def test_lanes_that_begin_with_another_design_get_another_copy():
 
 def test_floors_are_those_of_every_episodes_own_mechanism():
     env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=MANY)
-    floors = episode_floor(env, SEEDS, starts=4, candidates=4)
+    floors = episode_floor(env, SEEDS, starts=4)
     assert floors.errors.shape == (4,) and floors.joint_angles.shape == (4, 4)
     errors = run_episodes(env, JacobianFeedback(), SEEDS).final_errors
     assert (floors.errors <= errors + 1e-6).all() and floors.errors.max() < 5.0
-    assert episode_floor(env, SEEDS, [0, 12], starts=2, candidates=2).errors.shape == (4, 2)
+    assert episode_floor(env, SEEDS, [0, 12], starts=2).errors.shape == (4, 2)

@@ -116,6 +116,14 @@ def test_a_target_out_of_reach_gives_the_nearest_pose_and_the_limits_that_bind()
     assert far.distance == pytest.approx(np.linalg.norm(far.tip - (200.0, 80.0)))
 
 
+def test_a_search_that_creeps_along_a_fold_goes_on_until_it_has_settled():
+    chain, rng = rj.two_segment(), np.random.default_rng(2)
+    force = rng.uniform(-1.0, 1.0, (30, 2))[14]
+    target = chain.poses(rng.uniform(-0.5, 0.5, (30, 6)))[14, -1, :2]
+    far = rj.reach_batch(chain, target[None], [rj.WorldForce(-1, tuple(force))], (0.5, 15.0))
+    assert far.status[0] == rj.ReachStatus.OUT_OF_REACH and far.distance[0] < 1.5126
+
+
 @pytest.mark.parametrize(
     ("tip", "limits"),
     [((np.nan, 1.0), LIMITS), ((1e300, 1.0), LIMITS), ((0.0, 80.0), (5.0, 1.0)), ((0.0, 80.0), (-1.0, np.nan))],
