@@ -101,7 +101,7 @@ SUITE = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=10)
 def test_kernels_index_nothing_beyond_its_axis(tmp_path):
     """What solves, steps and resets mechanisms of both families, in the mode above."""
     tests = [ROOT / "tests" / "rollingjoint" / name for name in SUITE]
