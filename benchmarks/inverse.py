@@ -3,7 +3,7 @@
 Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N | --casadi N]
 Targets are tips of stable equilibria under uniform random tensions within the limits, and a force on the tip. From a
 neighbour: from the solution for one target to the tip under tensions that differ from its own a little; medians.
-With --casadi (pip install casadi): two_segment's by IPOPT on a model in CasADi, and by `reach`, both from the middle.
+With --casadi (pip install casadi): two_segment's by IPOPT on a model in CasADi, and by `reach`; medians of single ones.
 With --paths: plans along paths of 41 tips under tensions between two random ones, and a force along -y or -z.
 """
 
@@ -113,13 +113,13 @@ def by_casadi(count: int, seed: int) -> list[str]:
     tips = aims.tip[aims.ok]
     peer.solve(tips[0])
     rj.reach(chain, tips[0], loads, LIMITS)
-    found, peer_time = timed(lambda: [peer.solve(tip) for tip in tips])
-    one, single_time = timed(lambda: [rj.reach(chain, tip, loads, LIMITS) for tip in tips])
+    peer_time, found = median(peer.solve, tips)
+    single_time, one = median(lambda tip: rj.reach(chain, tip, loads, LIMITS), tips)
     many, batch_time = timed(lambda: rj.reach_batch(chain, tips, loads, LIMITS))
     least = [float(np.linalg.norm(each.tensions - LIMITS[0])) for each in one]
     both = [k for k in range(len(tips)) if found[k][0] and one[k].ok]
     more = np.array([np.linalg.norm(found[k][2] - LIMITS[0]) - least[k] for k in both])
-    times = [f"{1e6 * each / len(tips):,.0f}" for each in (peer_time, single_time, batch_time)]
+    times = [f"{1e6 * each:,.0f}" for each in (peer_time, single_time, batch_time / len(tips))]
     shares = [f"{np.mean(each):.2%}" for each in ([ok for ok, *_ in found], [each.ok for each in one], many.ok)]
     alike = np.abs(more) < 1e-3
     figures = [value for pair in zip(times, shares, strict=True) for value in pair]

@@ -43,7 +43,7 @@ _WAVE, _GROWTH, _MOST_STARTS = 4096, 4, 16384  # searches before what they reach
 _NEAR_ONLY = 7  # so many starts are tried last, from each level's on, only where a search has come near
 _ONWARDS = 8  # times that searches which have not converged go on
 _PREFERRED = 2  # starts; searches from later ones keep to the tensions with which they begin
-_NEAR, _EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
+_NEAR, EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
     Annotated[Floats, "B", "coordinates"],
@@ -123,7 +123,7 @@ class Searches:
                 else:
                     horizons[level] *= _FARTHER
             solution, tried_values = self._kept(best, rows, ends)
-            between = (best.distance > _EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
+            between = (best.distance > EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
             near = rows[between[rows]]
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
                 self._kept(best, near, self._searched(near, best.angles[near], best.tensions[near], True))
