@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import pytest
 
 import rj_gym  # noqa: F401
 from agents.controllers.among_walls import (
@@ -80,6 +81,7 @@ def test_the_leader_stretches_where_the_base_has_come_to_its_end() -> None:
     assert infos["feed"][0] > 70.0 and infos["success"][0] and infos["peak_wall_force"][0] < 0.9
 
 
+@pytest.mark.slow
 def test_a_fitted_wall_is_pressed_with_the_wanted_force_by_observations_alone() -> None:
     """Also in the second lane, whose tip is so near the target that it goes the wrong way first."""
     envs: Any = gymnasium.make_vec("rj_gym/HiddenWall-v0", 2, "vector_entry_point", episode_steps=12)
