@@ -50,7 +50,7 @@ TO_CHOOSE, TO_TEST = 1_000_000, 2_000_000  # first design
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
 TOLD = "Jacobian feedback, told the design"
-BLIND_TOLD = "smoother, told the design"
+BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
 
 
 class Specialist(Controller):
@@ -86,7 +86,7 @@ class Nominal(Controller):
 
 
 def opponents(blind: bool) -> dict[str, Controller]:
-    """Controllers with models, by name; the first is the one that policies are compared with."""
+    """Controllers with models, by name."""
     if not blind:
         return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
     tuned = tuned_controllers("rj_gym/Instrument-v0")
@@ -130,9 +130,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if len(policies) > 1:
         print(over_trainings({name: errors[name] for name in policies}))
     if not arguments.only_policies:
-        against = BLIND_TOLD if arguments.blind else TOLD
         for name in policies:
-            print(compared(name, errors[name], against, errors[against]))
+            for against in BLIND_TOLD if arguments.blind else (TOLD,):
+                print(compared(name, errors[name], against, errors[against]))
         print(by_size(errors, designs))
     if not arguments.only_policies and not arguments.blind:
         five = np.array([links(design) == 5 for design in designs])
@@ -201,7 +201,10 @@ def over_trainings(errors: dict[str, Errors]) -> str:
 def beside_specialists(
     env: EnvConfig, policies: dict[str, Controller], runs: Sequence[Path], which: str, episodes: int, seeds: range
 ) -> str:
-    """A row per specialist: its design, its mean and median error there, and those of the policies."""
+    """A row per specialist: its design, its mean and median error there, and those of the policies.
+
+    The last row has the mean errors of the policies over that of the specialists, with an interval over designs.
+    """
     rows, means = [], []
     for run in runs:
         folder = RunFolder.open(run)
@@ -211,9 +214,13 @@ def beside_specialists(
         means.append([each.mean() for each in errors])
         cells = [f"{each.mean():.3f}, {np.median(each):.3f}" for each in errors]
         rows.append([str(design), str(links(design)), *cells])
-    average = np.mean(means, axis=0)
+    each, rng = np.array(means), np.random.default_rng(0)  # (specialists, drivers)
+    average, drawn = each.mean(axis=0), each[rng.integers(len(each), size=(10_000, len(each)))].mean(axis=1)
+    ratios = average / average[0]
+    low, high = np.percentile(drawn / drawn[:, :1], [2.5, 97.5], axis=0)
     rows.append(["mean", "", *(f"{mean:.3f}" for mean in average)])
-    rows.append(["over specialists", "", *(f"{mean / average[0]:.2f}" for mean in average)])
+    cells = [f"{ratio:.2f} [{first:.2f}, {last:.2f}]" for ratio, first, last in zip(ratios, low, high, strict=True)]
+    rows.append(["over specialists", "", "1", *cells[1:]])
     header = ["design", "links", "specialist [mm]", *(f"{name} [mm]" for name in policies)]
     return markdown_table(header, rows)
 
