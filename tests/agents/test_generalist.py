@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import evaluate, train
-from agents.controllers import JacobianFeedback
+from agents.controllers import JacobianFeedback, OpenLoop
 from agents.evaluation.rollout import run_episodes
 from agents.policies.export import policy_in_run
 from agents.runs.environment import EnvConfig
@@ -27,6 +27,18 @@ def test_the_generalist_is_at_the_floor_of_feedback_on_designs_that_it_has_not_s
         for name, controller in {"policy": load_policy("generalist"), "model": JacobianFeedback()}.items()
     }
     assert errors["policy"] < 1.2 * errors["model"] + 0.02
+
+
+def test_where_the_tip_is_not_seen_the_generalist_comes_nearer_than_the_command_of_every_exact_model():
+    policy = load_policy("generalist_blind")
+    settings = {"mechanisms": {"designs": (2_000_000, 2_000_016)}, "sensing": {"pose": "none", "tension_noise": 0.1}}
+    env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=settings)
+    assert policy.settings.sensing == env.arguments()["config"].sensing
+    errors = {
+        name: np.median(run_episodes(env, controller, range(60, 92)).last_errors)
+        for name, controller in {"policy": policy, "model": OpenLoop()}.items()
+    }
+    assert errors["policy"] < 0.9 * errors["model"]
 
 
 def test_a_run_with_many_mechanisms_is_trained_and_exported(tmp_path):
