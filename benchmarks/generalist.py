@@ -208,7 +208,7 @@ def beside_specialists(
     rows, means = [], []
     for run in runs:
         folder = RunFolder.open(run)
-        design, _ = folder.config.env.settings["mechanisms"]["designs"]
+        design, _ = folder.config().env.settings["mechanisms"]["designs"]
         drivers = {"specialist": load_driving(folder, which), **policies}
         errors = [errors_of(env, each, [design], episodes, seeds.start) for each in drivers.values()]
         means.append([each.mean() for each in errors])
