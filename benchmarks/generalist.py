@@ -203,7 +203,8 @@ def beside_specialists(
 ) -> str:
     """A row per specialist: its design, its mean and median error there, and those of the policies.
 
-    The last row has the mean errors of the policies over that of the specialists, with an interval over designs.
+    The last rows have the ratio of the mean errors to that of the specialists, with an interval over designs, and the
+    median of the ratios of all designs.
     """
     rows, means = [], []
     for run in runs:
@@ -221,6 +222,7 @@ def beside_specialists(
     rows.append(["mean", "", *(f"{mean:.3f}" for mean in average)])
     cells = [f"{ratio:.2f} [{first:.2f}, {last:.2f}]" for ratio, first, last in zip(ratios, low, high, strict=True)]
     rows.append(["over specialists", "", "1", *cells[1:]])
+    rows.append(["median ratio", "", *(f"{ratio:.2f}" for ratio in np.median(each / each[:, :1], axis=0))])
     header = ["design", "links", "specialist [mm]", *(f"{name} [mm]" for name in policies)]
     return markdown_table(header, rows)
 
