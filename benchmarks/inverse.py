@@ -1,8 +1,9 @@
 """Processor time and success of the inverse, beside forward solves and SciPy's least_squares on the same problems.
 
-Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N]
+Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N | --casadi N]
 Targets are tips of stable equilibria under uniform random tensions within the limits, and a force on the tip. From a
-neighbour: from the solution for one target to the tip under tensions that differ from its own a little.
+neighbour: from the solution for one target to the tip under tensions that differ from its own a little; medians.
+With --casadi (pip install casadi): two_segment's by IPOPT on a model in CasADi, and by `reach`; medians of single ones.
 With --paths: plans along paths of 41 tips under tensions between two random ones, and a force along -y or -z.
 """
 
@@ -38,6 +39,10 @@ PLAN_HEAD = (
     *("mechanism", "paths", "followed", "with a detour", "snapped", "missed", "solves per step", "ms per step"),
     *("lengths by reach: followed", "snapped"),
 )
+CASADI_HEAD = (
+    *("targets", "IPOPT [µs]", "converged", "reach [µs]", "reached", "in a batch [µs]", "reached"),
+    *("tensions alike", "IPOPT's smaller", "larger"),
+)
 PLAN_LIMITS, PLAN_TARGETS, JUMP = (0.2, 8.0), 41, 0.2  # N, targets per path, rad
 
 
@@ -46,11 +51,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--targets", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--paths", type=int, help="plan this many paths per mechanism in place of that")
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument("--paths", type=int, help="plan this many paths per mechanism in place of that")
+    instead.add_argument("--casadi", type=int, help="this many targets of two_segment by CasADi in place of that")
     args = parser.parse_args(argv)
     rj.set_threads(1)
     if args.paths is not None:
         print(markdown_table(PLAN_HEAD, [plans(name, args.paths, args.seed) for name in list(CHAINS)[:4]]))
+        return
+    if args.casadi is not None:
+        print(markdown_table(CASADI_HEAD, [by_casadi(args.casadi, args.seed)]))
         return
     rows = [row(name, max(1, int(share * args.targets)), args.seed) for name, share in CHAINS.items()]
     print(markdown_table(HEAD, rows))
@@ -58,11 +68,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def row(name: str, count: int, seed: int) -> list[str]:
     """Figures of one mechanism."""
-    chain = rj.preset(name)
-    loads = [rj.WorldForce(-1, (FORCE, *[0.0] * (chain.dimension - 1)))]
-    rng = np.random.default_rng(seed)
-    tensions = rng.uniform(*LIMITS, (count, chain.n_tendons))
-    aims = rj.solve_tensions_batch(chain, tensions, loads)
+    chain, rng = rj.preset(name), np.random.default_rng(seed)
+    loads, aims = targets(chain, count, rng)
     tips = aims.tip[aims.ok]
     many, batch = min((timed(lambda: rj.reach_batch(chain, tips, loads, LIMITS)) for _ in range(2)), key=itemgetter(1))
     _, forward = timed(lambda: rj.solve_lengths_batch(chain, many.lengths, loads, tension_limits=LIMITS))
@@ -72,26 +79,51 @@ def row(name: str, count: int, seed: int) -> list[str]:
     near = rj.solve_tensions_batch(chain, np.clip(moved, *LIMITS), loads, starts=many.joint_angles[few]).require().tip
     pairs = list(zip(near, starts, strict=True))
 
-    def search_on() -> list[bool]:
-        return [rj.reach(chain, tip, loads, LIMITS, start=start, starts=1).ok for tip, start in pairs]
-
-    def solve() -> list[Any]:
-        return [rj.solve_lengths(chain, many.lengths[i], loads, tension_limits=LIMITS) for i in few]
-
-    neighbours, warm = min((timed(search_on) for _ in range(2)), key=itemgetter(1))
-    _, single = min((timed(solve) for _ in range(2)), key=itemgetter(1))
+    warm, neighbours = median(lambda pair: rj.reach(chain, pair[0], loads, LIMITS, start=pair[1], starts=1), pairs)
+    single, _ = median(lambda i: rj.solve_lengths(chain, many.lengths[i], loads, tension_limits=LIMITS), few)
     scipy_us, scipy_reached = by_scipy(chain, loads, tips[:SCIPY])
     times = [
         1e6 * batch / len(tips),
         1e6 * forward / len(tips),
-        1e6 * warm / len(few),
-        1e6 * single / len(few),
+        1e6 * warm,
+        1e6 * single,
         scipy_us,
     ]
     in_batch, forward_us, one, one_forward, scipy = (f"{value:,.{1 if value < 100 else 0}f}" for value in times)
-    reached, warm_reached = f"{np.mean(many.ok):.3%}", f"{np.mean(neighbours):.1%}"
+    reached, warm_reached = f"{np.mean(many.ok):.4%}", f"{np.mean([one.ok for one in neighbours]):.1%}"
     figures = in_batch, reached, forward_us, one, warm_reached, one_forward, scipy, f"{scipy_reached:.0%}"
     return [name, f"{len(tips):,}", *figures]
+
+
+def targets(chain: Any, count: int, rng: np.random.Generator) -> tuple[list[rj.WorldForce], rj.Equilibrium]:
+    """The force on the tip, and the equilibria under random tensions; the tips of those found are aimed at."""
+    loads = [rj.WorldForce(-1, (FORCE, *[0.0] * (chain.dimension - 1)))]
+    return loads, rj.solve_tensions_batch(chain, rng.uniform(*LIMITS, (count, chain.n_tendons)), loads)
+
+
+def by_casadi(count: int, seed: int) -> list[str]:
+    """Figures of IPOPT and of `reach` for the same targets: least tensions, cold starts."""
+    from casadi_chain import CasadiInverse
+
+    chain = rj.two_segment()
+    loads, aims = targets(chain, count, np.random.default_rng(seed))
+    peer = CasadiInverse((FORCE, 0.0), LIMITS)
+    apart = max(peer.deviation(aims.row(k)) for k in np.flatnonzero(aims.ok)[:SINGLE].tolist())
+    assert apart < 1e-8, f"the models differ by {apart:.1e}"
+    tips = aims.tip[aims.ok]
+    peer.solve(tips[0])
+    rj.reach(chain, tips[0], loads, LIMITS)
+    peer_time, found = median(peer.solve, tips)
+    single_time, one = median(lambda tip: rj.reach(chain, tip, loads, LIMITS), tips)
+    many, batch_time = timed(lambda: rj.reach_batch(chain, tips, loads, LIMITS))
+    least = [float(np.linalg.norm(each.tensions - LIMITS[0])) for each in one]
+    both = [k for k in range(len(tips)) if found[k][0] and one[k].ok]
+    more = np.array([np.linalg.norm(found[k][2] - LIMITS[0]) - least[k] for k in both])
+    times = [f"{1e6 * each:,.0f}" for each in (peer_time, single_time, batch_time / len(tips))]
+    shares = [f"{np.mean(each):.2%}" for each in ([ok for ok, *_ in found], [each.ok for each in one], many.ok)]
+    alike = np.abs(more) < 1e-3
+    figures = [value for pair in zip(times, shares, strict=True) for value in pair]
+    return [str(len(tips)), *figures, *(f"{np.mean(each):.1%}" for each in (alike, more <= -1e-3, more >= 1e-3))]
 
 
 def plans(name: str, count: int, seed: int) -> list[str]:
@@ -156,6 +188,14 @@ def by_scipy(chain: Any, loads: Any, tips: np.ndarray) -> tuple[float, float]:
     solve(tips[0])  # compiles
     misses, seconds = timed(lambda: [solve(tip) for tip in tips])
     return seconds / len(tips) * 1e6, float(np.mean(np.array(misses) < 1e-6))
+
+
+def median(work: Callable[[Any], Any], items: Sequence[Any]) -> tuple[float, list[Any]]:
+    """The median processor time of `work` of an item [s], each the shorter of two, and the results."""
+    runs = [[timed(lambda item=item: work(item)) for item in items] for _ in range(2)]
+    return float(np.median([min(first[1], second[1]) for first, second in zip(*runs, strict=True)])), [
+        r for r, _ in runs[0]
+    ]
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:

@@ -5,7 +5,8 @@
 
 Episodes with the seeds 9,100,000 and up, which no training uses, all side by side. A controller that is told what no
 instrument sees is marked with a star. --tune tries their gains in other episodes. --film FILE.gif writes an animation
-of the first episode of the last controller, --picture FILE.png its last step; --seed N: of another episode.
+of the first episode of the last controller, --picture FILE.png its last step; --seed N: of another episode. --draws
+prints the processor time of drawing an episode alone.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from agents.controllers.among_walls import (
     SeekForce,
     Still,
     WallController,
+    WayFromAnywhere,
 )
 from agents.controllers.fitted_wall import FittedWall
 
@@ -45,18 +47,20 @@ CONTROLLERS: dict[str, Make] = {
     "feedback, free space": partial(Feedback, aware=False),
     "feedback, contact*": partial(Feedback, aware=True),
     "plan around": PlanAround,
+    "way from anywhere": WayFromAnywhere,
     "follow the leader*": FollowTheLeader,
     "fitted wall": FittedWall,
     "seek the force*": SeekForce,
     "searched way*": SearchedWay,
 }
 UNFIT = {
-    "Lumen": ("plan around", "fitted wall", "seek the force*", "searched way*"),
+    "Lumen": ("plan around", "way from anywhere", "fitted wall", "seek the force*", "searched way*"),
     "Obstacles": ("follow the leader*", "fitted wall", "seek the force*"),
-    "HiddenWall": ("plan around", "follow the leader*"),
+    "HiddenWall": ("plan around", "way from anywhere", "follow the leader*"),
 }
+UNFIT["ObstaclesV1"] = UNFIT["Obstacles"]
 
-_FEEDBACK = {"step_mm": (1.0, 3.0, 5.0, 8.0), "damping": (0.1, 0.3, 2.0, 6.0, 15.0)}
+_FEEDBACK = {"step_mm": (1.0, 3.0, 5.0, 8.0), "damping": (0.03, 0.1, 0.3, 2.0, 6.0, 15.0)}
 GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
     "open loop, free space": {"share": (0.5, 0.8, 1.0)},
     "feedback, free space": _FEEDBACK,
@@ -76,12 +80,17 @@ CHOSEN: dict[str, dict[str, dict[str, float]]] = {
     "Obstacles": {
         "open loop, free space": {"share": 0.5},
         "feedback, free space": {"step_mm": 8.0, "damping": 0.3},
-        "feedback, contact*": {"step_mm": 3.0, "damping": 0.1},
+        "feedback, contact*": {"step_mm": 3.0, "damping": 0.03},
+    },
+    "ObstaclesV1": {
+        "open loop, free space": {"share": 0.5},
+        "feedback, free space": {"step_mm": 8.0, "damping": 0.03},
+        "feedback, contact*": {"step_mm": 5.0, "damping": 0.1},
     },
     "HiddenWall": {
         "open loop, free space": {"share": 0.5},
-        "feedback, free space": {"step_mm": 1.0, "damping": 6.0},
-        "feedback, contact*": {"step_mm": 5.0, "damping": 0.3},
+        "feedback, free space": {"step_mm": 5.0, "damping": 0.03},
+        "feedback, contact*": {"step_mm": 5.0, "damping": 0.03},
         "seek the force*": {"near": 0.3},
     },
 }
@@ -200,6 +209,15 @@ def tune(beginning: Beginning, names: Sequence[str]) -> None:
         print(f"-> {name}: {dict(zip(GRIDS[name], max(tried, key=lambda values: tried[values]), strict=True))}\n")
 
 
+def draw_seconds(env_id: str, episodes: int, settings: dict[str, Any]) -> float:
+    """Processor time of drawing an episode, of so many side by side [s]; kernels are loaded before."""
+    envs: Any = gymnasium.make_vec(env_id, episodes, "vector_entry_point", **settings)
+    gymnasium.make(env_id, **settings).reset(seed=TUNING_SEED)
+    begun = time.process_time()
+    envs.reset(seed=FIRST_SEED)
+    return (time.process_time() - begun) / episodes
+
+
 def film(env_id: str, player: Player, settings: dict[str, Any], seed: int) -> list[Any]:
     """Pictures of an episode."""
     envs = gymnasium.make_vec(
@@ -219,7 +237,8 @@ def film(env_id: str, player: Player, settings: dict[str, Any], seed: int) -> li
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("task", choices=sorted(rj_gym.SURROUNDINGS_IDS.values()))
+    ids = {stem: env_id for env_id, stem in rj_gym.SURROUNDINGS_IDS.items()}
+    parser.add_argument("task", choices=sorted(ids), help="ObstaclesV1: rj_gym/Obstacles-v1")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--policy", nargs="*", default=[], help="names or files of policies")
     parser.add_argument("--families", nargs="*", default=["hard"], choices=sorted(rj_gym.FAMILIES))
@@ -228,11 +247,12 @@ def main() -> None:
     parser.add_argument("--blind", action="store_true", help="no pose of any link is observed")
     parser.add_argument("--tune", action="store_true", help="try gains in other episodes, seeds 6,000,000 and up")
     parser.add_argument("--time", action="store_true", help="also the processor time of an action, all side by side")
+    parser.add_argument("--draws", action="store_true", help="only the processor time of drawing an episode")
     parser.add_argument("--film", type=Path, help="write an animation of the first episode of the last controller")
     parser.add_argument("--picture", type=Path, help="write a picture of its last step")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="of the animation and the picture")
     given = parser.parse_args()
-    env_id = f"rj_gym/{given.task}-v0"
+    env_id = ids[given.task]
     fitting = {name: make for name, make in CONTROLLERS.items() if name not in UNFIT[given.task]}
     chosen = CHOSEN[given.task]
     every: dict[str, Callable[[], Player]] = {
@@ -244,6 +264,9 @@ def main() -> None:
         settings: dict[str, Any] = {"families": [family]} if family else {}
         settings |= {"noise": NOISE} if given.noise else {}
         settings |= {"poses": "none"} if given.blind else {}
+        if given.draws:
+            print(f"{1e3 * draw_seconds(env_id, given.episodes, settings):.0f} ms to draw an episode")
+            continue
         if given.tune:
             names = [name for name in every if name in GRIDS]
             tune(Beginning(env_id, given.episodes, settings, TUNING_SEED), names)

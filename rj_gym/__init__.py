@@ -36,12 +36,13 @@ from rj_gym.surroundings.config import (
     LumenConfig,
     NoiseConfig,
     ObstaclesConfig,
+    ObstaclesV1Config,
     SurroundingsConfig,
     WallRewardConfig,
 )
-from rj_gym.surroundings.env import HiddenWallEnv, LumenEnv, ObstaclesEnv
+from rj_gym.surroundings.env import HiddenWallEnv, LumenEnv, ObstaclesEnv, ObstaclesV1Env
 from rj_gym.surroundings.observation import surroundings_observation_entries
-from rj_gym.surroundings.vector import HiddenWallVectorEnv, LumenVectorEnv, ObstaclesVectorEnv
+from rj_gym.surroundings.vector import HiddenWallVectorEnv, LumenVectorEnv, ObstaclesV1VectorEnv, ObstaclesVectorEnv
 from rj_gym.tracking.config import (
     ArmRandomizationConfig,
     ArmRewardConfig,
@@ -187,6 +188,9 @@ __all__ = [
     "ObservedError",
     "ObstaclesConfig",
     "ObstaclesEnv",
+    "ObstaclesV1Config",
+    "ObstaclesV1Env",
+    "ObstaclesV1VectorEnv",
     "ObstaclesVectorEnv",
     "PayloadConfig",
     "PitchYawConfig",

@@ -105,9 +105,9 @@ _FIRST = tuple(
 )
 
 TABLE = _FIRST + tuple(
-    Registration(f"rj_gym/{row.stem}-v1", f"{row.stem}V1", row.family, f"{row.stem}V1Config", "worlds")
+    Registration(f"rj_gym/{row.stem}-v1", f"{row.stem}V1", row.family, f"{row.stem}V1Config", row.settings_module)
     for row in _FIRST
-    if row.settings_module == "worlds"
+    if row.settings_module == "worlds" or row.stem == "Obstacles"
 )
 
 

@@ -66,6 +66,11 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError("the kernels do not compile")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tests of several minutes: one at the end would leave the other workers without work."""
+    items.sort(key=lambda item: -max((mark.kwargs.get("minutes", 0) for mark in item.iter_markers("slow")), default=0))
+
+
 def pytest_collection_finish() -> None:
     """Let garbage collections leave out what all tests share: modules and tests are millions of objects."""
     gc.collect()

@@ -52,7 +52,7 @@ def changed(tmp_path, file, old, new):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=1)
 def test_a_checkout_equals_itself_in_every_section(tmp_path, capsys):
     import guard
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,17 +105,63 @@ class SearchedWay(WallController):
         return np.clip((envs.tangent().commands - wanted) / envs.config.action_scale_mm, -1.0, 1.0)
 
 
+class CommandGrid:
+    """A grid of commands, and how commands change along it between discs, by the model without contact.
+
+    Attributes:
+        nodes: commands, (K, m) [mm]. tips: where they bring the tip, (K, 2) [mm]. start: the node nearest to rest.
+
+    Args:
+        envs: a native vector environment of Obstacles. most, spacing: of the grid [mm]. deepest: nodes deeper in a disc
+            are closed [mm]. room: distance from discs that a way need not exceed [mm]. caution: weight of the square of
+            the room that is lacking [1/mm²].
+    """
+
+    def __init__(
+        self, envs: Any, most: float, spacing: float, deepest: float, room: float = 1.5, caution: float = 3.0
+    ) -> None:
+        task, self.deepest, self.room, self.caution = envs.task, deepest, room, caution
+        axis = np.arange(-most, most + 1e-9, spacing)
+        places = np.stack(np.meshgrid(*[axis] * (task.m // 2), indexing="ij"), -1)
+        self.nodes = commands_of_pairs(task, places.reshape(-1, places.shape[-1]))
+        poses, self._found = free_way(task, self.nodes)
+        self._axes = axes_of(Sleeve(envs.config.sleeve).rows(task.mechanism.links).bars, poses[-1])
+        self.tips, self._edges = poses[-1, :, -1, :2], _neighbours(places.shape[:-1])
+        self._lengths = np.abs(self.nodes[self._edges[0]] - self.nodes[self._edges[1]]).max(axis=1)
+        self.start = int(np.abs(self.nodes - task.rest).max(axis=1).argmin())
+        self._places = poses[-1, ..., :2].reshape(len(self.nodes), -1)
+        self._squares = np.square(self._places).sum(axis=1)
+
+    def graph(self, discs: Array) -> csr_array:
+        """What it costs to go from node to node between discs with (x, y, radius), (d, 3) [mm]."""
+        space = np.min([room(self._axes, Disc((x, y), radius)) for x, y, radius in discs.tolist()], axis=0)
+        prices = 1.0 + self.caution * np.square(np.maximum(self.room - space, 0.0))
+        prices[~self._found | (space < self.deepest)] = np.inf
+        costs = self._lengths * (prices[self._edges[0]] + prices[self._edges[1]]) / 2.0
+        is_open = np.isfinite(costs)
+        return csr_array((costs[is_open], self._edges[:, is_open]), shape=2 * (len(self.nodes),))
+
+    def distances(self, poses: Array) -> Array:
+        """How far links in poses (B, n, 3) are from where the nodes bring them without walls, (B, K) [mm²]: squares."""
+        places = poses[..., :2].reshape(len(poses), -1)
+        return np.asarray(np.square(places).sum(axis=1)[:, None] - 2.0 * places @ self._places.T + self._squares)
+
+    def way_to(self, target: Array, graph: csr_array) -> tuple[int, NDArray[np.int64]]:
+        """The node that brings the tip to a target, (2,) [mm], at little cost; the node before each, (K,)."""
+        distances, before = dijkstra(graph, directed=False, indices=self.start, return_predecessors=True)
+        return int((np.hypot(*(self.tips - target).T) + 0.02 * distances).argmin()), before
+
+
 class PlanAround(WallController):
     """The shortest way around the discs in a grid of commands, by the model without contact, then feedback on the tip.
 
     Of Obstacles. It knows the mechanism, the discs and the target, and no force: what a policy sees, and a model.
 
     Args:
-        fast: share of the largest step that it takes. room: distance from discs that a way need not exceed [mm].
-        caution: weight of the square of the room that is lacking [1/mm²].
+        fast: share of the largest step that it takes. room, caution: see CommandGrid.
     """
 
-    most, spacing, deepest = 8.0, 0.5, -0.8  # mm: of the grid; nodes deeper in a disc are closed
+    grid: ClassVar[Mapping[str, float]] = {"most": 8.0, "spacing": 0.5, "deepest": -0.8}
 
     def __init__(self, fast: float = 1.0, room: float = 1.5, caution: float = 3.0) -> None:
         self.fast, self.room, self.caution = fast, room, caution
@@ -123,28 +169,14 @@ class PlanAround(WallController):
 
     def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
         """Find a way for every lane."""
-        task, response = envs.task, envs.tangent()
-        axis = np.arange(-self.most, self.most + 1e-9, self.spacing)
-        places = np.stack(np.meshgrid(*[axis] * (task.m // 2), indexing="ij"), -1)
-        nodes = commands_of_pairs(task, places.reshape(-1, places.shape[-1]))
-        poses, found = free_way(task, nodes)
-        axes = axes_of(Sleeve(envs.config.sleeve).rows(task.mechanism.links).bars, poses[-1])
-        tips, edges = poses[-1, :, -1, :2], _neighbours(places.shape[:-1])
-        lengths = np.abs(nodes[edges[0]] - nodes[edges[1]]).max(axis=1)
-        start, ways = int(np.abs(nodes - task.rest).max(axis=1).argmin()), []
-        for discs, target in zip(response.scenes.walls.discs[..., :3].tolist(), response.target, strict=True):
-            space = np.min([room(axes, Disc((x, y), radius)) for x, y, radius in discs], axis=0)
-            prices = 1.0 + self.caution * np.square(np.maximum(self.room - space, 0.0))
-            prices[~found | (space < self.deepest)] = np.inf
-            costs = lengths * (prices[edges[0]] + prices[edges[1]]) / 2.0
-            is_open = np.isfinite(costs)
-            graph = csr_array((costs[is_open], edges[:, is_open]), shape=2 * (len(nodes),))
-            distances, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
-            end = int((np.hypot(*(tips - target).T) + 0.02 * distances).argmin())
+        grid, response, ways = CommandGrid(envs, **self.grid, room=self.room, caution=self.caution), envs.tangent(), []
+        for discs, target in zip(response.scenes.walls.discs[..., :3], response.target, strict=True):
+            end, before = grid.way_to(target, grid.graph(discs))
             way = [end]
-            while way[0] != start:
+            while way[0] != grid.start:
                 way.insert(0, int(before[way[0]]))
-            ways.append(_paced(np.array([task.rest, *nodes[way[1:]]]), self.fast * envs.config.action_scale_mm))
+            places = np.array([envs.task.rest, *grid.nodes[way[1:]]])
+            ways.append(_paced(places, self.fast * envs.config.action_scale_mm))
         self._ways, self._step = ways, 0
 
     def act(self, envs: Any) -> Array:
@@ -154,6 +186,50 @@ class PlanAround(WallController):
         self._step += 1
         on = np.clip((envs.tangent().commands - wanted) / envs.config.action_scale_mm, -1.0, 1.0)
         return np.where(arrived[:, None], self._feedback.act(envs), on)
+
+
+class WayFromAnywhere(WallController):
+    """As PlanAround, from where the links are: its actions depend on poses, commands, discs and the target alone.
+
+    So a policy can imitate it wherever its own actions lead.
+
+    Args:
+        hops: how many nodes further on it goes to. near: distance from the target at which feedback on the tip
+            begins [mm].
+    """
+
+    grid: ClassVar[Mapping[str, float]] = {"most": 12.0, "spacing": 0.4, "deepest": -1.0}
+
+    def __init__(self, hops: int = 4, near: float = 4.0) -> None:
+        self.hops, self.near = hops, near
+        self._feedback = Feedback(aware=False)
+        self._grid: CommandGrid | None = None
+
+    def begin(self, envs: Any, infos: Mapping[str, Any]) -> None:
+        """The way on from every node, in every lane."""
+        grid = self._grid = self._grid or CommandGrid(envs, **self.grid)
+        response = envs.tangent()
+        itself = np.arange(len(grid.nodes))
+        self._is_open, self._onward = [], []
+        for discs, target in zip(response.scenes.walls.discs[..., :3], response.target, strict=True):
+            graph = grid.graph(discs)
+            end = grid.way_to(target, graph)[0]
+            costs, before = dijkstra(graph, directed=False, indices=end, return_predecessors=True)
+            following, onward = np.where(before < 0, itself, before), itself
+            for _ in range(self.hops):
+                onward = following[onward]
+            self._is_open.append(np.isfinite(costs))
+            self._onward.append(onward)
+
+    def act(self, envs: Any) -> Array:
+        """On the way from the nearest open node; near the target feedback."""
+        assert self._grid is not None  # begin makes it
+        response: Response = envs.tangent()
+        nearest = np.where(self._is_open, self._grid.distances(response.poses), np.inf).argmin(axis=1)
+        nodes = np.array([onward[node] for onward, node in zip(self._onward, nearest, strict=True)])
+        on = (response.commands - self._grid.nodes[nodes]) / envs.config.action_scale_mm
+        arrived = np.hypot(*(response.target - response.tip).T) < self.near
+        return np.where(arrived[:, None], self._feedback.act(envs), np.clip(on, -1.0, 1.0))
 
 
 def _neighbours(shape: tuple[int, ...]) -> NDArray[np.int64]:
@@ -275,9 +351,10 @@ def _below(band: tuple[float, float], values: Array) -> Array:
 
 TEACHERS: dict[str, dict[str, Callable[[], WallController]]] = {
     "Lumen": {"follow the leader": FollowTheLeader},
-    "Obstacles": {"searched way": SearchedWay, "plan around": PlanAround},
+    "Obstacles": {"searched way": SearchedWay, "plan around": PlanAround, "way from anywhere": WayFromAnywhere},
     "HiddenWall": {"seek the force": SeekForce},
 }
+TEACHERS["ObstaclesV1"] = TEACHERS["Obstacles"]
 """Controllers that policies can imitate, by name, of every task among walls: rj_gym/Lumen-v0 is "Lumen"."""
 
 

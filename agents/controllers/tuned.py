@@ -268,7 +268,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
     | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
     f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
 }
-_LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
+_LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version and row.tracks}  # and their first versions
 
 
 def _later(env_id: str, first: str) -> Mapping[str, Tunable]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Self
@@ -60,6 +61,8 @@ class Rig:
         self.run = "1"
 
     def __enter__(self) -> Self:
+        gc.collect()
+        gc.freeze()  # else a collection looks at all modules and policies, some 80 ms in the middle of the loop
         return self
 
     def __exit__(

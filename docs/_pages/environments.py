@@ -142,9 +142,9 @@ def moving(row: Registration) -> str:
 
 def caption(row: Registration) -> str:
     """What the picture shows."""
-    if row.version:
-        return "Best, median and worst test episode of a policy in version 0."
-    return "Best, median and worst test episode of a policy." if TASKS[row.stem] else PICTURES[row.stem][1]
+    stem, where = row.stem.removesuffix(f"V{row.version}"), " in version 0" if row.version else ""
+    words = "Best, median and worst test episode of a policy." if TASKS[stem] else PICTURES[stem][1]
+    return words.replace(".", f"{where}.")
 
 
 def pictures(row: Registration) -> str:

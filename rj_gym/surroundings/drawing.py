@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,32 +110,33 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
     It goes by one of VIAS commands, touches with 1 N at most, and takes MOST_STEPS steps at most.
     """
     config: ObstaclesConfig = task.config
+    search = SEARCHES[config.search]
     if fixed:
         return [_scene_of_discs(config, fixed["discs"], fixed["target"], task.rest, task.rest) for _ in rngs]
     scenes: list[DrawnScene | None] = [None] * len(rngs)
-    vias = np.array([random_commands(task, rng) for rng in [np.random.default_rng(0)] for _ in range(VIAS)])
+    seeded = np.random.default_rng(0)
+    vias = np.array([random_commands(task, seeded, search.pull) for _ in range(VIAS)])
     out, _ = free_way(task, vias)
     for _ in range(_MOST_DRAWS):
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
-        tried = [lane for lane in active for _ in range(GOALS)]
+        tried = [lane for lane in active for _ in range(search.goals)]
         goals = np.array([random_commands(task, rngs[lane]) for lane in tried])
         straight, good = free_way(task, goals)
-        ends = np.repeat(goals[:, None], VIAS, axis=1).reshape(-1, goals.shape[1])
-        back, _ = free_way(task, ends, np.tile(vias, (len(tried), 1)))
-        back = back.reshape(len(back), len(tried), VIAS, *back.shape[2:])
+        far = np.hypot(*(straight[-1, :, -1, :2] - straight[0, :, -1, :2]).T) >= config.reach_mm
+        legs = np.abs(vias - task.rest).max(1) + np.abs(goals[:, None] - vias).max(2)
+        rows, short = np.nonzero((good & far)[:, None] & (legs <= MOST_STEPS * config.action_scale_mm))
+        back, _ = free_way(task, goals[rows], vias[short])
         found: list[tuple[int, DrawnScene]] = []
-        for row, lane in enumerate(tried):
-            far = np.hypot(*(straight[-1, row, -1, :2] - straight[0, row, -1, :2])) >= config.reach_mm
-            legs = np.abs(vias - task.rest).max(1) + np.abs(goals[row] - vias).max(1)
-            short = np.flatnonzero(legs <= MOST_STEPS * config.action_scale_mm)
-            if not (good[row] and far and short.size):
-                continue
-            around = np.concatenate([out[:, short], back[:, row, short]])
-            drawn = _discs_on_the_way(task, rngs[lane], straight[[0, -1], row], around)
+        for row in np.unique(rows):
+            lane, here = tried[row], np.flatnonzero(rows == row)
+            if search.looks and found and found[-1][0] == lane:
+                continue  # nearly every find is reached
+            around = np.concatenate([out[:, short[here]], back[:, here]])
+            drawn = _discs_on_the_way(task, rngs[lane], straight[[0, -1], row], around, search.looks)
             if drawn is not None:
-                via = vias[short[drawn[1]]]
+                via = vias[short[here[drawn[1]]]]
                 found.append((lane, _scene_of_discs(config, drawn[0], straight[-1, row, -1, :2], goals[row], via)))
         for (lane, scene), reached in zip(found, _reached(task, [scene for _, scene in found]), strict=True):
             if reached and scenes[lane] is None:
@@ -185,13 +186,29 @@ def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, g
 
 
 _WAY = 12  # steps of a change of the commands without walls
-GOALS, VIAS, MOST_STEPS = 4, 32, 45
-"""Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
+VIAS, MOST_STEPS = 32, 45
+"""Commands by way of which targets behind discs are looked for, and steps of that way."""
 
 
-def random_commands(task: DrawnTask, rng: Rng) -> Array:
-    """Random commands of antagonistic pairs of tendons, (m,) [mm]."""
-    return commands_of_pairs(task, rng.uniform(-7.0, 7.0, task.mechanism.n_tendons // 2))
+class WaySearch(NamedTuple):
+    """How a target behind discs is looked for.
+
+    Fields: goals: targets that are tried together. pull: the largest of the commands by way of which it goes [mm].
+    looks: at each of _WAY steps whether it is clear of the discs; 0: at every other step, where discs can be jumped.
+    """
+
+    goals: int
+    pull: float
+    looks: int
+
+
+SEARCHES = {"coarse": WaySearch(4, 7.0, 0), "fine": WaySearch(4, 13.0, 4)}
+"""By the setting `search`. Large pulls bend an instrument to an S, which leads around most discs."""
+
+
+def random_commands(task: DrawnTask, rng: Rng, pull: float = 7.0) -> Array:
+    """Random commands of antagonistic pairs of tendons that pull by at most `pull` [mm], (m,) [mm]."""
+    return commands_of_pairs(task, rng.uniform(-pull, pull, task.mechanism.n_tendons // 2))
 
 
 def commands_of_pairs(task: DrawnTask, pulls: Array) -> Array:
@@ -216,7 +233,9 @@ def free_way(task: DrawnTask, end: Array, begin: Array | None = None) -> tuple[A
     return np.array(poses), good
 
 
-def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> tuple[Sequence[Disc], int] | None:
+def _discs_on_the_way(
+    task: DrawnTask, rng: Rng, ends: Array, around: Array, looks: int
+) -> tuple[Sequence[Disc], int] | None:
     """Discs, and the number of a way around, (steps, ways, n, 3), that is clear of all of them; None: no such found.
 
     The first is between the tip and the target, others are anywhere; all are clear of the instrument at both ends of
@@ -234,12 +253,22 @@ def _discs_on_the_way(task: DrawnTask, rng: Rng, ends: Array, around: Array) -> 
         if room(at_ends, disc).min() < 1.0:
             continue
         now = np.minimum(clear, room(besides, disc).min(axis=0))
+        if looks and (left := now >= 0.0).any():
+            closer = axes_of(bars, between(around[:, left], looks))
+            now[left] = np.minimum(now[left], room(closer, disc).min(axis=0))
         if now.max() < 0.0:
             continue
         discs, clear = [*discs, disc], now
         if len(discs) == config.discs:
             return discs, int(clear.argmax())
     return None
+
+
+def between(poses: Array, count: int) -> Array:
+    """Poses (K, ...) with others on straight lines between them, `count` for one: ((K - 1) count + 1, ...)."""
+    shares = np.arange(1, count + 1).reshape(-1, *(1,) * (poses.ndim - 1)) / count
+    legs = poses[:-1, None] + shares * np.diff(poses, axis=0)[:, None]
+    return np.concatenate([poses[:1], legs.reshape(-1, *poses.shape[1:])])
 
 
 Axes = tuple[Array, Array, Array, Array]

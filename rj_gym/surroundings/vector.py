@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import TaskVectorEnv
-from rj_gym.surroundings.env import HiddenWallEnv, LumenEnv, ObstaclesEnv
+from rj_gym.surroundings.env import HiddenWallEnv, LumenEnv, ObstaclesEnv, ObstaclesV1Env
 
 
 class LumenVectorEnv(TaskVectorEnv):
@@ -29,6 +29,12 @@ class ObstaclesVectorEnv(TaskVectorEnv):
     """
 
     scalar: ClassVar[type[TaskEnv]] = ObstaclesEnv
+
+
+class ObstaclesV1VectorEnv(ObstaclesVectorEnv):
+    """`num_envs` independent ObstaclesV1Env in one batch; everything else as ObstaclesVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = ObstaclesV1Env
 
 
 class HiddenWallVectorEnv(TaskVectorEnv):

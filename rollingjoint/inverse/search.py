@@ -16,8 +16,8 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.inverse.aims import Aims
 from rollingjoint.inverse.goal import Goal
 from rollingjoint.inverse.result import Reach, ReachStatus
-from rollingjoint.inverse.searches import CLOSE, TOLERANCE, Searches, first_of, preferred_tensions
-from rollingjoint.inverse.starts import samples_of
+from rollingjoint.inverse.searches import CLOSE, EXACT, TOLERANCE, Searches, first_of, preferred_tensions
+from rollingjoint.inverse.starts import nearest_sample, samples_of
 from rollingjoint.inverse.steps import HeldPose, Move, Situation, approach, step_to
 from rollingjoint.inverse.warm import reach_from
 from rollingjoint.load import Load
@@ -98,17 +98,22 @@ def reach(
         situation = Situation(mechanism, loads, ranges, slack, cap, walls, base, within, aims)
         return _reach_by_solves(situation, tip, history, first, None)
     table = _table_of(mechanism, loads)
-    if type(start) is Reach and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
-        limits = broadcast_limits(tension_limits, mechanism.n_tendons)
+    lever, starts = checked_lever(lever), as_integer("starts", starts, 1)
+    if (start is None or type(start) is Reach) and inputs == "lengths" and np.shape(tip) == (mechanism.dimension,):
+        limits, near = broadcast_limits(tension_limits, mechanism.n_tendons), TOLERANCE
         target = seen_as_vector("tip", tip, mechanism.dimension, "coordinates")
-        warm = reach_from(mechanism, target, table, limits, preferred_tensions(prefer, *limits), start.equilibrium)
-        equilibrium, lengths, distance, steps = warm
-        if distance <= TOLERANCE:
-            return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
-    goal = Goal.of(mechanism, tip, checked_lever(lever), single=True)
+        preferred, known = preferred_tensions(prefer, *limits), getattr(start, "equilibrium", None)
+        if known is None:
+            every, near = tension_limits_of(tension_limits, mechanism.n_tendons), EXACT * float(mechanism.length)
+            known = nearest_sample(mechanism, table, every, target)
+        if known is not None:
+            equilibrium, lengths, distance, steps = reach_from(mechanism, target, table, limits, preferred, known)
+            if distance <= near:
+                return Reach(equilibrium, lengths, distance, ReachStatus.REACHED, limits, True, steps)
+    goal = Goal.of(mechanism, tip, lever, single=True)
     search = Searches.of(mechanism, goal, table[None], tension_limits, inputs, prefer)
     angles_of(mechanism, start.equilibrium if isinstance(start, Reach) else start, None)  # as those of one solve
-    result = search.run(start, as_integer("starts", starts, 1)).row(0)
+    result = search.run(start, starts).row(0)
     if result.status is not ReachStatus.NOT_CONVERGED or inputs != "lengths":
         return result
     first = {"prefer": prefer, "start": start, "starts": starts, "lever": lever}

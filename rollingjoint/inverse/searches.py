@@ -43,7 +43,7 @@ _WAVE, _GROWTH, _MOST_STARTS = 4096, 4, 16384  # searches before what they reach
 _NEAR_ONLY = 7  # so many starts are tried last, from each level's on, only where a search has come near
 _ONWARDS = 8  # times that searches which have not converged go on
 _PREFERRED = 2  # starts; searches from later ones keep to the tensions with which they begin
-_NEAR, _EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
+_NEAR, EXACT = 1e-3, 1e-10  # of a mechanism's length: a search that ends between them goes on from there
 _LEAST = 0.1  # N: a preferred tension is not lower, or the highest tension is lower
 _NEAREST = (
     Annotated[Floats, "B", "coordinates"],
@@ -109,12 +109,12 @@ class Searches:
                     samples, horizons = self._samples(), [np.full(len(best.distance), -1.0)]
                 level = 0 if len(horizons) == 1 else 1 + _STRIDE * (attempt - 1) % _LEVELS
                 if level == 0 and ranks is None:
-                    ends = self._in_waves(samples[0], rows, horizons[0])
+                    ends = self._in_waves(samples(0), rows, horizons[0])
                 else:
-                    begin = self._nearest(samples[level], rows, horizons[level])
+                    begin = self._nearest(samples(level), rows, horizons[level])
                     for rank in range(0 if ranks is None else int(ranks.max(initial=0))):
                         later = rows[ranks > rank]  # type: ignore[operator]
-                        for values_of, nearer in zip(begin, self._nearest(samples[0], later, horizons[0]), strict=True):
+                        for values_of, nearer in zip(begin, self._nearest(samples(0), later, horizons[0]), strict=True):
                             values_of[later] = nearer
                     ends = self._searched(rows, *begin, attempt >= _PREFERRED)
                 if level == 0:
@@ -123,7 +123,7 @@ class Searches:
                 else:
                     horizons[level] *= _FARTHER
             solution, tried_values = self._kept(best, rows, ends)
-            between = (best.distance > _EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
+            between = (best.distance > EXACT * self.goal.size) & (best.distance < _NEAR * self.goal.size)
             near = rows[between[rows]]
             if len(near):  # the preferred tensions hardly matter; those that it has got keep the search from sliding
                 self._kept(best, near, self._searched(near, best.angles[near], best.tensions[near], True))
@@ -163,8 +163,8 @@ class Searches:
         tensions = np.array(np.broadcast_to(getattr(solution, "tensions", self.preferred), self.batch.inputs.shape))
         return angles, tensions
 
-    def _samples(self) -> list[Any]:
-        """All starts, and those of each level of tensions.
+    def _samples(self) -> Callable[[int], kernels.Starts]:
+        """The starts of a level of tensions, from 1 on; 0: all.
 
         Equilibria under the loads, or, where those of the rows differ, of each sample under those of another row.
         """
@@ -174,9 +174,16 @@ class Searches:
         else:
             solution = samples_of(chain, tables[0] if len(tables) else self.tables[0] * 0.0, *self.limits)
         arrays = self.goal.coordinates_of(solution), solution.joint_angles, solution.tensions
-        means = np.log(np.maximum(solution.tensions, np.finfo(float).tiny)).mean(axis=1)
-        levels = np.array_split(np.argsort(means, kind="stable"), _LEVELS)
-        return [_starts(*arrays), *(_starts(*(values[level] for values in arrays)) for level in levels)]
+
+        @functools.cache
+        def of_level(level: int) -> kernels.Starts:
+            if level == 0:
+                return _starts(*arrays)
+            means = np.log(np.maximum(solution.tensions, np.finfo(float).tiny)).mean(axis=1)
+            chosen = np.array_split(np.argsort(means, kind="stable"), _LEVELS)[level - 1]
+            return _starts(*(values[chosen] for values in arrays))
+
+        return of_level
 
     def _nearest(self, samples: Any, rows: Rows, horizon: Array) -> tuple[Array, Array]:
         """Joint angles and tensions of the nearest start beyond those that were tried, of the rows."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.statics.solve import solve_tensions_batch
 
 Array = NDArray[np.float64]
@@ -30,6 +31,28 @@ def samples_of(chain: AnyChain, table: Array, low: Array, high: Array) -> Any:
             kept.pop(next(iter(kept)), None)
         kept[key] = sampled(chain, table[None], low, high)
     return kept[key]
+
+
+class Sample(NamedTuple):
+    """Joint angles (J,) [rad] and tensions (m,) [N] of an equilibrium."""
+
+    joint_angles: Array
+    tensions: Array
+
+
+def nearest_sample(chain: AnyChain, table: Array, limits: Array, tip: Array) -> Sample | None:
+    """The sample under a load table whose tip is nearest to a place; None where there is none.
+
+    limits: lowest and highest tensions, (2, m) [N].
+    """
+    if not all(np.all(np.abs(values) <= LARGEST_INPUT) for values in (table, tip)):
+        return None
+    samples = samples_of(chain, table, *limits)
+    away = ((samples.tip - tip) ** 2).sum(axis=1)
+    nearest = int(away.argmin()) if len(away) else 0
+    if not len(away) or not np.isfinite(away[nearest]):
+        return None
+    return Sample(samples.joint_angles[nearest], samples.tensions[nearest])
 
 
 def sampled(chain: AnyChain, tables: Array, low: Array, high: Array, count: int = SAMPLES) -> Any:

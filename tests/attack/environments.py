@@ -26,6 +26,7 @@ IDS = {  # id: weight, lanes of a batch, steps of a round
     "rj_gym/CoDesign-v0": (0.1, 4, 8),
     "rj_gym/Lumen-v0": (1, 32, 70),
     "rj_gym/Obstacles-v0": (0.1, 2, 70),
+    "rj_gym/Obstacles-v1": (0.5, 8, 70),
     "rj_gym/HiddenWall-v0": (0.5, 32, 70),
 }
 SETTINGS = (

@@ -72,6 +72,7 @@ def slopes(task, episodes):
     return by_gradient, [(above - below) / 2e-5 for above, below in losses]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mu", "exact"), [(0.0, 1e-6), (0.15, 1e-2)])
 def test_gradient_in_the_lumen_is_that_of_whole_rollouts(mu, exact):
     task = LumenPush(mu=mu, steps=8, feed_mm=5.0).on(space())
@@ -115,6 +116,7 @@ def test_a_policy_begins_with_actions_of_zero_and_is_a_network():
     assert not np.array_equal(theta, policy.initial(2))
 
 
+@pytest.mark.slow
 def test_training_improves_the_pair_and_keeps_the_limits():
     designs = space()
     problem, task = stiff_problem(designs), LumenPush(family="hard", mu=0.3, low=2.0, hidden=(), steps=10).on(designs)

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import pytest
 
 import rj_gym  # noqa: F401
 from agents.controllers.among_walls import (
@@ -14,6 +15,7 @@ from agents.controllers.among_walls import (
     FollowTheLeader,
     PlanAround,
     WallController,
+    WayFromAnywhere,
     _neighbours,
     _paced,
 )
@@ -36,13 +38,28 @@ def ended(env_id: str, controller: WallController, options: dict[str, Any], lane
 def test_a_plan_leads_around_a_disc_that_stops_heavily_damped_feedback() -> None:
     discs = [Disc((-18.0, 83.5), 4.5, stiffness=2.0), Disc((50.5, 68.6), 5.4, stiffness=2.0)]
     options = {"discs": discs, "target": (-29.7, 71.9)}
-    planned, stuck, light = (
-        ended("rj_gym/Obstacles-v0", controller, options)
-        for controller in (PlanAround(), Feedback(aware=False), Feedback(aware=False, step_mm=8.0, damping=0.3))
+    feedbacks = Feedback(aware=False), Feedback(aware=False, step_mm=8.0, damping=0.3)
+    planners = PlanAround(), WayFromAnywhere()
+    planned, anywhere, stuck, light = (
+        ended("rj_gym/Obstacles-v0", controller, options) for controller in (*planners, *feedbacks)
     )
-    assert planned["success"][0] and planned["peak_wall_force"][0] < 0.1
+    for infos in planned, anywhere:
+        assert infos["success"][0] and infos["peak_wall_force"][0] < 0.1
     assert stuck["error_mm"][0] > 10.0 and not stuck["success"][0]
     assert light["success"][0] and light["peak_wall_force"][0] > 0.2
+
+
+def test_a_way_leads_from_where_other_actions_have_led() -> None:
+    envs: Any = gymnasium.make_vec("rj_gym/Obstacles-v1", 4, "vector_entry_point", autoreset_mode="Disabled")
+    infos = envs.reset(seed=6_000_000)[1]
+    controller = WayFromAnywhere()
+    controller.begin(envs.unwrapped, infos)
+    for action in (0.6, -0.6, 0.0, 0.0), (0.0, 0.0, 0.6, -0.6):
+        for _ in range(4):
+            envs.step(np.tile(np.array(action, np.float32), (4, 1)))
+    for _ in range(50):
+        infos = envs.step(controller.act(envs.unwrapped).astype(np.float32))[-1]
+    assert infos["success"].all()
 
 
 def test_a_way_is_gone_at_its_pace_and_to_its_end() -> None:
@@ -64,6 +81,7 @@ def test_the_leader_stretches_where_the_base_has_come_to_its_end() -> None:
     assert infos["feed"][0] > 70.0 and infos["success"][0] and infos["peak_wall_force"][0] < 0.9
 
 
+@pytest.mark.slow
 def test_a_fitted_wall_is_pressed_with_the_wanted_force_by_observations_alone() -> None:
     """Also in the second lane, whose tip is so near the target that it goes the wrong way first."""
     envs: Any = gymnasium.make_vec("rj_gym/HiddenWall-v0", 2, "vector_entry_point", episode_steps=12)

@@ -50,6 +50,7 @@ def test_full_information_comes_much_nearer_than_a_filter() -> None:
     assert run_episodes(ARM, smoother(), SEEDS).last_errors.mean() < 0.75 * filtered
 
 
+@pytest.mark.slow
 def test_it_drives_motors_with_their_own_limits_and_cells_that_err() -> None:
     """Means of 24 episodes; measured in 200 of validation: 5.2 of 6.6 mm, where 4.7 mm can be known."""
     seeds = range(4_000_000, 4_000_024)
@@ -68,6 +69,7 @@ def test_limits_at_motors_are_met_with_cells_at_either_place(place: str) -> None
     assert np.isfinite(errors).all() and (controller.limits[1] < 5.0).all()  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_rolling_joints_in_space_are_found_as_well() -> None:
     """Means of 8 episodes of an unseen tip: 0.51 mm, the filter 1.71."""
     filtered = run_episodes(ROLLING, tuned_controllers(ARM.id)["probing filter"], SEEDS).last_errors.mean()

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.controllers.among_walls import FollowTheLeader, SeekForce
+from agents.controllers.among_walls import FollowTheLeader, SeekForce, WayFromAnywhere
 from agents.learners.distill import Distill
 from agents.runs.config import TrainConfig
+from agents.shipped import load_policy
 from agents.training.build import build_model, close
 from agents.training.learn import learn
 from rollingjoint.errors import ConfigError
@@ -24,7 +25,7 @@ def config(name: str, teacher: str | None, algorithm: str = "distill", **policy:
         {
             "algorithm": algorithm,
             "total_timesteps": 2 * LANES * STEPS,
-            "env": {"id": f"rj_gym/{name}-v0", "n_envs": LANES, "settings": {"episode_steps": STEPS}},
+            "env": {"id": f"rj_gym/{name}", "n_envs": LANES, "settings": {"episode_steps": STEPS}},
             "parameters": parameters,
             "policy": {"memory": None, "hidden": [16]} | policy,
             "normalise": {"reward": False},
@@ -41,7 +42,7 @@ def trained(name: str, teacher: str, **policy: Any) -> Distill:
 
 
 def test_the_leader_is_followed_and_its_actions_are_learnt() -> None:
-    model = trained("Lumen", "follow the leader")
+    model = trained("Lumen-v0", "follow the leader")
     assert isinstance(model.teacher, FollowTheLeader) and len(model.demonstrations) == 2
     env, played = lanes_of("rj_gym/Lumen-v0", LANES, episode_steps=STEPS), model.demonstrations[0]
     env.reset(seed=0)
@@ -58,18 +59,31 @@ def test_the_leader_is_followed_and_its_actions_are_learnt() -> None:
 
 
 def test_a_policy_with_memory_learns_to_seek_a_force_that_it_does_not_see() -> None:
-    model = trained("HiddenWall", "seek the force", memory=8)
+    model = trained("HiddenWall-v0", "seek the force", memory=8)
     assert isinstance(model.teacher, SeekForce)
     assert model.demonstrations[0].actions.abs().amax() > 0.1
     close(model)
 
 
+def test_ways_around_discs_are_learnt_and_the_shipped_policy_goes_them() -> None:
+    model = trained("Obstacles-v1", "way from anywhere")
+    assert isinstance(model.teacher, WayFromAnywhere)
+    assert model.demonstrations[0].actions.abs().amax() > 0.5
+    close(model)
+    policy, env = load_policy("obstacles"), lanes_of("rj_gym/Obstacles-v1", 6)
+    observation, info = env.reset(seed=6_000_000)
+    for _ in range(env.config.episode_steps):
+        observation, *_, info = env.step(policy(observation))
+    assert info["success"].all() and info["error_mm"].max() < 1.0
+    env.close()
+
+
 @pytest.mark.parametrize(
     ("settings", "match"),
     [
-        (("Lumen", "seek the force"), "teacher.*follow the leader"),
-        (("Lumen", None), "env.*among walls distill has to be told its teacher"),
-        (("Lumen", None, "apg"), "env.*among walls distill has to be told its teacher"),
+        (("Lumen-v0", "seek the force"), "teacher.*follow the leader"),
+        (("Lumen-v0", None), "env.*among walls distill has to be told its teacher"),
+        (("Lumen-v0", None, "apg"), "env.*among walls distill has to be told its teacher"),
     ],
 )
 def test_other_teachers_and_learners_are_refused(settings: Any, match: str) -> None:

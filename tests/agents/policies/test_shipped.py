@@ -22,7 +22,7 @@ from tests.agents.policies.made_up import random_policy
 FILES = sorted(FOLDER.glob("*.safetensors"))
 
 
-LONG = ("arm_instrument", "flexible_arm")  # for the arm's solver
+LONG = ("arm_instrument", "flexible_arm", "obstacles-v1")  # for the arm's solver, and for drawing episodes
 
 
 @pytest.mark.parametrize(

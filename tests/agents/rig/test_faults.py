@@ -1,5 +1,6 @@
 """Faults of buses, motors and load cells, through the real SDK and a simulated bus."""
 
+import gc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -19,6 +20,13 @@ def wander(rig, steps, rng=None):
     """Goals to and fro by up to half a millimetre a step."""
     for step in range(steps):
         rig.step(rig.goal + 0.4 * np.array([1.0, -1.0]) * (1 if step // 5 % 2 else -1))
+
+
+def test_garbage_collections_in_the_loop_leave_out_what_was_there_before():
+    with built() as one:
+        rig, before, kept = one.rig(), gc.get_freeze_count(), [[] for _ in range(5000)]
+        with rig:
+            assert gc.get_freeze_count() >= before + len(kept)
 
 
 def test_readings_are_right_while_answers_are_lost_damaged_reversed_or_behind_garbage():

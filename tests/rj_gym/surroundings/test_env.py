@@ -75,6 +75,7 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id, 
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".* is out of date", DeprecationWarning)  # both versions are maintained
         check_env(made(env_id))
         checker.check_env(made(env_id))
 
@@ -263,16 +264,39 @@ def test_targets_can_be_reached_which_is_the_floor(env_id):
     assert infos["success"].all() and infos["error_mm"].max() < 1.0
 
 
-def test_an_obstacle_is_between_the_tip_and_the_target():
-    envs = made("rj_gym/Obstacles-v0", 3)
+DRAWN = {  # with the seed 17: the target, and the middle and radius of the first disc of two [mm]
+    "rj_gym/Obstacles-v0": ((33.167793, 56.032501), (13.078953, 77.974354, 3.335065)),
+    "rj_gym/Obstacles-v1": ((20.897378, 65.464145), (9.061286, 81.062531, 3.335065)),
+}
+
+
+@pytest.mark.parametrize("env_id", DRAWN)
+def test_an_obstacle_is_between_the_tip_and_the_target_where_it_always_was(env_id):
+    envs = made(env_id, 3)
     _, infos = envs.reset(seed=17)  # drawn fast
-    _, info = made("rj_gym/Obstacles-v0").reset(seed=19)
+    _, info = made(env_id).reset(seed=19)
     assert np.array_equal(info["target"], infos["target"][2]) and np.array_equal(info["poses"], infos["poses"][2])
     disc = envs._buffer.scenes.walls.discs[:, 0]
     begin, way = infos["tip"], infos["target"] - infos["tip"]
     share = ((disc[:, :2] - begin) * way).sum(1) / np.square(way).sum(1)
     beside = np.hypot(*(disc[:, :2] - begin - share[:, None] * way).T)
     assert (np.hypot(*way.T) >= 25.0).all() and ((share > 0.1) & (share < 0.9)).all() and (beside < 12.0).all()
+    target, first = DRAWN[env_id]
+    assert infos["target"][0] == pytest.approx(target, abs=1e-4) and disc[0, :3] == pytest.approx(first, abs=1e-4)
+
+
+def test_a_fine_search_finds_ways_that_are_passable(monkeypatch):
+    found, reached = [], drawing._reached
+    monkeypatch.setattr(drawing, "_reached", lambda *given: found.append(reached(*given)) or found[-1])
+    made("rj_gym/Obstacles-v1", 12).reset(seed=30)
+    outcomes = [each for one in found for each in one]
+    assert sum(outcomes) >= 12 and np.mean(outcomes) > 0.9
+
+
+def test_poses_between_poses_are_on_straight_lines():
+    poses = np.array([0.0, 4.0, 8.0, 0.0])[:, None] + [0.0, 100.0]
+    closer = drawing.between(poses, 4)
+    assert closer.shape == (13, 2) and list(closer[:, 1] - 100.0) == [0, 1, 2, 3, 4, 5, 6, 7, 8, 6, 4, 2, 0]
 
 
 def test_opponents_do_as_well_as_they_know():

@@ -53,7 +53,7 @@ def test_random_mechanisms_converge_or_say_why_not():
     check(seed=100, n_mechanisms=60)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=2)
 def test_twenty_thousand_solves_converge_or_say_why_not():
     check(seed=0, n_mechanisms=1250)
 

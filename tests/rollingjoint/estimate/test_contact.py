@@ -62,7 +62,7 @@ def test_a_wall_is_found():
     assert np.all(without.misfit[pressing] > 2.0 * estimator.misfit[pressing])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=2)
 def test_intervals_beside_a_wall_are_calibrated():
     depths, _, _ = measured(ContactSmoother, 250, STEPS, seed=20, ranges=BESIDE_WALL, links=[-1])
     assert {FORCE, PLACE} < set(depths)

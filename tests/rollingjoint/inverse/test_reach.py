@@ -124,6 +124,16 @@ def test_a_search_that_creeps_along_a_fold_goes_on_until_it_has_settled():
     assert far.status[0] == rj.ReachStatus.OUT_OF_REACH and far.distance[0] < 1.5126
 
 
+@pytest.mark.parametrize("name", ["two_segment", "small_arm"])
+def test_one_target_ends_where_it_ends_among_others(name):
+    chain = rj.preset(name)
+    tips = rj.solve_tensions_batch(chain, np.random.default_rng(4).uniform(*LIMITS, (20, chain.n_tendons))).tip
+    many = rj.reach_batch(chain, tips, (), LIMITS)
+    one = [rj.reach(chain, tip, (), LIMITS) for tip in tips]
+    assert all(found.ok for found in one)
+    assert np.array([found.tensions for found in one]) == pytest.approx(many.tensions, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("tip", "limits"),
     [((np.nan, 1.0), LIMITS), ((1e300, 1.0), LIMITS), ((0.0, 80.0), (5.0, 1.0)), ((0.0, 80.0), (-1.0, np.nan))],
