@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
+from scipy import stats
 
 import rj_gym
 from agents.controllers.among_walls import (
@@ -194,6 +195,17 @@ def row(name: str, beginning: Beginning, player: Player, timed: bool = False) ->
     )
 
 
+def mean_row(name: str, policies: Sequence[Outcome]) -> str:
+    """Success and its range, mean error and mean peak force over policies, each with half its 95 % interval."""
+    figures = 100.0 * np.array([[each.success.mean(), each.error.mean(), each.peak.mean()] for each in policies])
+    half = stats.t.ppf(0.975, len(figures) - 1) * stats.sem(figures)
+    (success, error, peak), shares = figures.mean(axis=0), figures[:, 0]
+    return (
+        f"| {name} | {success:.1f} ± {half[0]:.1f} % | {shares.min():.0f} to {shares.max():.0f} % "
+        f"| {error / 100:.2f} ± {half[1] / 100:.2f} | {peak / 100:.2f} ± {half[2] / 100:.2f} |"
+    )
+
+
 def tune(beginning: Beginning, names: Sequence[str]) -> None:
     """Print what every combination of gains of controllers reaches in these episodes, and which one is the best.
 
@@ -241,6 +253,9 @@ def main() -> None:
     parser.add_argument("task", choices=sorted(ids), help="ObstaclesV1: rj_gym/Obstacles-v1")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--policy", nargs="*", default=[], help="names or files of policies")
+    parser.add_argument(
+        "--mean", action="store_true", help="only the mean of the policies, with 95 %% intervals over them"
+    )
     parser.add_argument("--families", nargs="*", default=["hard"], choices=sorted(rj_gym.FAMILIES))
     parser.add_argument("--only", nargs="*", help="these controllers alone")
     parser.add_argument("--noise", action="store_true", help="sensors with errors, which controllers do not have")
@@ -259,7 +274,7 @@ def main() -> None:
         name: partial(make, **chosen.get(name, {})) for name, make in fitting.items()
     }
     every = {name: make for name, make in every.items() if given.only is None or name in given.only}
-    every |= {f"policy {Path(name).name}": partial(Policy, name) for name in given.policy}
+    every |= {f"policy {name}": partial(Policy, name) for name in given.policy}
     for family in given.families if given.task == "Lumen" else [""]:
         settings: dict[str, Any] = {"families": [family]} if family else {}
         settings |= {"noise": NOISE} if given.noise else {}
@@ -272,6 +287,9 @@ def main() -> None:
             tune(Beginning(env_id, given.episodes, settings, TUNING_SEED), names)
             continue
         beginning = Beginning(env_id, given.episodes, settings)
+        if given.mean:
+            print(mean_row(family, [outcome(beginning, Policy(name)) for name in given.policy]), flush=True)
+            continue
         print(f"\n{given.task} {family}: {given.episodes} episodes\n")
         print(
             "| controller | error mean, median mm | near | peak force mean, 95 % N | way | success | return | ended |"
