@@ -2,12 +2,17 @@
 
     python benchmarks/generalist.py                                # the shipped generalist, on the test designs
     python benchmarks/generalist.py --run runs/generalist --choose # a run, on the designs to choose on
+    python benchmarks/generalist.py --run generalist --run runs/2  # several trainings, and how much they differ
+    python benchmarks/generalist.py --blind --run runs/blind       # mechanisms whose tip is not seen
+    python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
     python benchmarks/generalist.py --film docs/images/generalist.gif
 
 Every design has the same number of episodes, with the same seeds for every controller: load, link and the tensions of
 the target. The error of an episode is the mean tip error over its last 10 steps. Intervals are 95 %, by a bootstrap
 over designs. Jacobian feedback and open loop are told every design exactly. The specialist is the shipped policy of
-fixed_target, which was trained on five_link; it can read the observations of designs with five links alone.
+fixed_target, which was trained on five_link; it can read the observations of designs with five links alone. Where the
+tip is not seen, opponents are told either every design exactly, or the number of its links: they take it for the plain
+chain of the space. Filter and smoother have the settings that were tuned on rj_gym/Instrument-v0.
 """
 
 from __future__ import annotations
@@ -15,6 +20,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +30,7 @@ from numpy.typing import NDArray
 
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
+from agents.controllers.tuned import tuned_controllers
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film, run_with_options
 from agents.policies.trained import load_driving
@@ -31,15 +39,18 @@ from agents.runs.folder import RunFolder
 from agents.runs.seeds import MANY_TEST, MANY_VALIDATION
 from agents.shipped import load_policy
 from rj_gym import MechanismsConfig
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.tables import markdown_table
 
 Errors = NDArray[np.float64]
 
-ID = "rj_gym/ManyMechanisms-v0"
+SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
+BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
 TO_CHOOSE, TO_TEST = 1_000_000, 2_000_000  # first design
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
 TOLD = "Jacobian feedback, told the design"
+BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
 
 
 class Specialist(Controller):
@@ -53,11 +64,44 @@ class Specialist(Controller):
         return self.policy(observations)
 
 
+class Nominal(Controller):
+    """A controller that takes every mechanism for the plain chain of the space with as many links."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+
+    def bind(self, task: Any) -> None:
+        """Take over the task, with the plain chain in place of its mechanism."""
+        super().bind(task)
+        plain = MechanismsConfig().drawn.reference(task.mechanism.n_links)
+        self.controller.bind(PlanarTask(replace(task.config, mechanism=plain)))
+
+    def reset(self, mask: Any) -> None:
+        """Begin episodes, (B,)."""
+        self.controller.reset(mask)
+
+    def act(self, observations: Any) -> Any:
+        """The actions of the controller, (B, m)."""
+        return self.controller.act(observations)
+
+
+def opponents(blind: bool) -> dict[str, Controller]:
+    """Controllers with models, by name."""
+    if not blind:
+        return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
+    tuned = tuned_controllers("rj_gym/Instrument-v0")
+    models = {"smoother": tuned["smoother"], "Kalman filter": tuned["kalman filter"], "open loop": OpenLoop()}
+    told = {f"{name}, told the design": model for name, model in models.items()}
+    return told | {f"{name}, told the number of links": Nominal(deepcopy(model)) for name, model in models.items()}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables, or write the animation."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--run", type=Path, action="append", default=[], help="run folders in place of the policy")
+    parser.add_argument("--run", action="append", default=[], help="run folders or shipped policies; default: shipped")
     parser.add_argument("--policy", default="best", help="of the runs: best or last")
+    parser.add_argument("--blind", action="store_true", help="the tip is not seen")
+    parser.add_argument("--specialist", type=Path, action="append", default=[], help="run folders, each of one design")
     parser.add_argument("--choose", action="store_true", help="on the designs and seeds to choose on")
     parser.add_argument("--designs", type=int, default=200)
     parser.add_argument("--episodes", type=int, default=10, help="of each design")
@@ -66,28 +110,43 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
     first, seeds = (TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (TO_TEST, MANY_TEST)
-    designs = list(range(first, first + arguments.designs))
-    policies = {path.name: load_driving(RunFolder.open(path), arguments.policy) for path in arguments.run}
-    policies = policies or {"generalist": load_policy("generalist")}
+    env = BLIND if arguments.blind else SEEN
+    runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
+    policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
     if arguments.film:
-        arguments.film.write_bytes(filmed(next(iter(policies.values())), first))
+        arguments.film.write_bytes(filmed(env, next(iter(policies.values())), first))
         return 0
     controllers: dict[str, Controller] = dict(policies)
+    if arguments.specialist:
+        print(beside_specialists(env, controllers, arguments.specialist, arguments.policy, arguments.episodes, seeds))
+        return 0
+    designs = list(range(first, first + arguments.designs))
     if not arguments.only_policies:
-        controllers |= {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
-    errors = {name: errors_of(each, designs, arguments.episodes, seeds.start) for name, each in controllers.items()}
+        controllers |= opponents(arguments.blind)
+    errors = {
+        name: errors_of(env, each, designs, arguments.episodes, seeds.start) for name, each in controllers.items()
+    }
     print(table(errors))
+    if len(policies) > 1:
+        print(over_trainings({name: errors[name] for name in policies}))
     if not arguments.only_policies:
         for name in policies:
-            print(compared(name, errors[name], errors[TOLD]))
+            for against in BLIND_TOLD if arguments.blind else (TOLD,):
+                print(compared(name, errors[name], against, errors[against]))
         print(by_size(errors, designs))
+    if not arguments.only_policies and not arguments.blind:
         five = np.array([links(design) == 5 for design in designs])
         own = [design for design, is_five in zip(designs, five, strict=True) if is_five]
-        alone = errors_of(Specialist("fixed_target"), own, arguments.episodes, seeds.start)
+        alone = errors_of(env, Specialist("fixed_target"), own, arguments.episodes, seeds.start)
         print(f"\n{len(own)} designs with five links: the specialist of five_link has {interval(alone)} mm")
     if arguments.out:
         arguments.out.write_text(json.dumps({name: each.round(5).tolist() for name, each in errors.items()}))
     return 0
+
+
+def policy_of(run: str | Path, which: str) -> Controller:
+    """The policy in a run folder, or the shipped one of that name."""
+    return load_driving(RunFolder.open(Path(run)), which) if Path(run).is_dir() else load_policy(str(run))
 
 
 def links(design: int) -> int:
@@ -95,14 +154,14 @@ def links(design: int) -> int:
     return MechanismsConfig().drawn[design].n_links
 
 
-def errors_of(controller: Controller, designs: Sequence[int], episodes: int, seed: int) -> Errors:
+def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], episodes: int, seed: int) -> Errors:
     """Mean tip error over the last 10 steps, (designs, episodes) [mm]; design k of a range has seeds of its own."""
     blocks = []
     for first in range(0, len(designs), TOGETHER):
         block = designs[first : first + TOGETHER]
         options = [fixed for design in block for fixed in [{"design": design}] * episodes]
         seeds = [seed + (design % TO_CHOOSE) * episodes + each for design in block for each in range(episodes)]
-        driven = run_with_options(EnvConfig(ID), controller, seeds, options)
+        driven = run_with_options(env, controller, seeds, options)
         blocks.append(driven.last_errors.mean(axis=1).reshape(len(block), episodes))
     return np.concatenate(blocks)
 
@@ -127,13 +186,55 @@ def _spread(errors: Errors) -> list[str]:
     return [*(f"{number:.3f}" for number in numbers), f"{100 * np.mean(errors > LOST):.2f} %"]
 
 
-def compared(name: str, errors: Errors, told: Errors) -> str:
-    """The difference to Jacobian feedback, and the same in the episodes that neither has lost."""
+def over_trainings(errors: dict[str, Errors]) -> str:
+    """Mean and spread over trainings of their mean error, and of the median over all episodes."""
+    lines = []
+    for name, measure in (("mean", np.mean), ("median", np.median)):
+        values = np.array([measure(each) for each in errors.values()])
+        lines.append(
+            f"{name} error of {len(values)} trainings: {values.mean():.3f} mm, standard deviation "
+            f"{values.std(ddof=1):.3f}, from {values.min():.3f} to {values.max():.3f}"
+        )
+    return "\n".join([*lines, ""])
+
+
+def beside_specialists(
+    env: EnvConfig, policies: dict[str, Controller], runs: Sequence[Path], which: str, episodes: int, seeds: range
+) -> str:
+    """A row per specialist: its design, its mean and median error there, and those of the policies.
+
+    The last rows have the ratio of the mean errors to that of the specialists, with an interval over designs, and the
+    median of the ratios of all designs.
+    """
+    rows, means = [], []
+    for run in runs:
+        folder = RunFolder.open(run)
+        design, _ = folder.config().env.settings["mechanisms"]["designs"]
+        drivers = {"specialist": load_driving(folder, which), **policies}
+        errors = [errors_of(env, each, [design], episodes, seeds.start) for each in drivers.values()]
+        means.append([each.mean() for each in errors])
+        cells = [f"{each.mean():.3f}, {np.median(each):.3f}" for each in errors]
+        rows.append([str(design), str(links(design)), *cells])
+    each, rng = np.array(means), np.random.default_rng(0)  # (specialists, drivers)
+    average, drawn = each.mean(axis=0), each[rng.integers(len(each), size=(10_000, len(each)))].mean(axis=1)
+    ratios = average / average[0]
+    low, high = np.percentile(drawn / drawn[:, :1], [2.5, 97.5], axis=0)
+    rows.append(["mean", "", *(f"{mean:.3f}" for mean in average)])
+    cells = [f"{ratio:.2f} [{first:.2f}, {last:.2f}]" for ratio, first, last in zip(ratios, low, high, strict=True)]
+    rows.append(["over specialists", "", "1", *cells[1:]])
+    rows.append(["median ratio", "", *(f"{ratio:.2f}" for ratio in np.median(each / each[:, :1], axis=0))])
+    header = ["design", "links", "specialist [mm]", *(f"{name} [mm]" for name in policies)]
+    return markdown_table(header, rows)
+
+
+def compared(name: str, errors: Errors, opponent: str, told: Errors) -> str:
+    """The difference to an opponent, and the same in the episodes that neither has lost."""
     kept = (errors <= LOST) & (told <= LOST)
     ours, theirs = (np.where(kept, each, np.nan) for each in (errors, told))
     return (
-        f"{name} minus {TOLD}: {interval(errors - told)} mm; in the {100 * kept.mean():.1f} % of episodes with at most "
-        f"{LOST:g} mm for both: {interval(ours - theirs)} mm, {np.nanmean(ours):.3f} and {np.nanmean(theirs):.3f} mm\n"
+        f"{name} minus {opponent}: {interval(errors - told)} mm; in the {100 * kept.mean():.1f} % of episodes with at "
+        f"most {LOST:g} mm for both: {interval(ours - theirs)} mm, {np.nanmean(ours):.3f} and "
+        f"{np.nanmean(theirs):.3f} mm\n"
     )
 
 
@@ -156,15 +257,15 @@ def interval(errors: Errors) -> str:
     return f"{means.mean():.3f} [{low:.3f}, {high:.3f}]"
 
 
-def filmed(policy: Controller, first: int) -> bytes:
+def filmed(env: EnvConfig, policy: Controller, first: int) -> bytes:
     """GIF of an episode with the first design of every number of links, from `first` on."""
     sizes: dict[int, int] = {}
     for design in range(first, first + 100):
         sizes.setdefault(links(design), design)
     frames = {}
     for size, design in sorted(sizes.items()):
-        env = EnvConfig(ID, settings={"mechanisms": {"designs": (design, design + 1)}})
-        frames[f"{size} links"] = film(env, policy, MANY_TEST.stop - 1)[:36:2]
+        own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})
+        frames[f"{size} links"] = film(own, policy, MANY_TEST.stop - 1)[:36:2]
     return animation(frames, 400, columns=3)
 
 

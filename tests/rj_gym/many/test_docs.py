@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 import yaml
 
 import rj_gym
@@ -30,7 +31,10 @@ def test_docstring_tables_every_entry_of_the_description_with_its_bounds():
         assert table[kind] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
 
 
-def test_configuration_file_differs_from_the_defaults_by_its_designs():
-    values = yaml.safe_load((ROOT / "configs" / "env" / "generalist.yaml").read_text())
+@pytest.mark.parametrize(
+    ("name", "sensing"), [("generalist", {}), ("generalist_blind", {"pose": "none", "tension_noise": 0.1})]
+)
+def test_configuration_files_differ_from_the_defaults_by_designs_and_sensors(name, sensing):
+    values = yaml.safe_load((ROOT / "configs" / "env" / f"{name}.yaml").read_text())
     config = rj_gym.ManyMechanismsConfig.from_dict(values)
-    assert config == rj_gym.ManyMechanismsConfig(mechanisms={"designs": (0, 512)})
+    assert config == rj_gym.ManyMechanismsConfig(mechanisms={"designs": (0, 512)}, sensing=sensing)
