@@ -65,14 +65,9 @@ class DrawnDesign:
         return self.mechanism.n_links
 
     @functools.cached_property
-    def length(self) -> float:
-        """Length of the mechanism [mm]."""
-        return self.mechanism.length
-
-    @functools.cached_property
     def described(self) -> dict[str, float]:
         """The entries of `description_entries` that it fills, in their units; the others are 0."""
-        chain, values = self.mechanism, {"length": self.length / LENGTH}
+        chain, values = self.mechanism, {"length": self.mechanism.length / LENGTH}
         for k in range(1, chain.n_links):
             below, link = chain.links[k - 1], chain.links[k]
             values |= {f"link {k} is there": 1.0, f"link {k} height": link.height / chain.length}

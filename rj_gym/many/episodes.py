@@ -116,7 +116,7 @@ class _Size:
         """The Tangent of the rows, its poses those of the most links, in units of the length of these."""
         tangent, places = self.buffer.tangent(len(self.lanes)), self._task.pictured_places[self.n_links]
         is_place = np.array([not name.endswith("angle") for name in self.own.pictured], bool)
-        lengths = np.array([design.length for design in self.designs])
+        lengths = np.array([design.mechanism.length for design in self.designs])
         scales = np.where(is_place, self._task.length / lengths[:, None], 1.0)
         count, m = tangent.commands.shape
         poses, rates = np.zeros((count, len(self._task.pictured))), np.zeros((count, len(self._task.pictured), m))

@@ -163,7 +163,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         """Number of beads, in words."""
         return f"{len(self.beads)} beads"
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Sum of the spacings [mm]."""
         return float(sum(bead.spacing for bead in self.beads))

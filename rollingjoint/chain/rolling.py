@@ -119,7 +119,7 @@ class RollingChain(Chain[Equilibrium]):
         """Number of links, in words."""
         return f"{len(self.links)} links"
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Sum of the link heights [mm]."""
         return sum(link.height for link in self.links)

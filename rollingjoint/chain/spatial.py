@@ -168,7 +168,7 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         """Number of joints, in words."""
         return f"{len(self.joints)} joints"
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Sum of the distances between the origins of neighbouring links at rest [mm]."""
         return float(sum(joint.spacing() for joint in self.joints))
