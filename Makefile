@@ -67,7 +67,7 @@ test: setup
 
 test-slow: setup
 	@echo "==> Running the slow tests"
-	@$(BIN)/python -m pytest -n 2 -m slow --durations=25
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m slow --durations=25
 
 # Old releases warn of what newer ones of their own dependencies will change: that is not an error here.
 test-lowest: setup
