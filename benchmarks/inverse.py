@@ -1,9 +1,10 @@
 """Processor time and success of the inverse, beside forward solves and SciPy's least_squares on the same problems.
 
-Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N | --casadi N]
+Run: python benchmarks/inverse.py [--targets N] [--seed N] [--paths N | --casadi N | --floors]
 Targets are tips of stable equilibria under uniform random tensions within the limits, and a force on the tip. From a
 neighbour: from the solution for one target to the tip under tensions that differ from its own a little; medians.
 With --casadi (pip install casadi): two_segment's by IPOPT on a model in CasADi, and by `reach`; medians of single ones.
+With --floors: those of docs/results.json.gz, and how far the mean of each world is from what is found now.
 With --paths: plans along paths of 41 tips under tensions between two random ones, and a force along -y or -z.
 """
 
@@ -13,6 +14,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ import numpy as np
 import rollingjoint as rj
 from rollingjoint.tables import markdown_table
 
+RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results.json.gz"
 LIMITS = (1.0, 20.0)  # N
 FORCE = 0.3  # N, along x
 NEIGHBOUR = 0.01  # of the tensions: standard deviation of their change
@@ -54,8 +57,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument("--paths", type=int, help="plan this many paths per mechanism in place of that")
     instead.add_argument("--casadi", type=int, help="this many targets of two_segment by CasADi in place of that")
+    instead.add_argument("--floors", action="store_true", help="find the floors of docs/results.md again")
     args = parser.parse_args(argv)
     rj.set_threads(1)
+    if args.floors:
+        print(floors())
+        return
     if args.paths is not None:
         print(markdown_table(PLAN_HEAD, [plans(name, args.paths, args.seed) for name in list(CHAINS)[:4]]))
         return
@@ -78,17 +85,10 @@ def row(name: str, count: int, seed: int) -> list[str]:
     moved = np.array([start.tensions for start in starts]) * rng.normal(1.0, NEIGHBOUR, (len(few), chain.n_tendons))
     near = rj.solve_tensions_batch(chain, np.clip(moved, *LIMITS), loads, starts=many.joint_angles[few]).require().tip
     pairs = list(zip(near, starts, strict=True))
-
     warm, neighbours = median(lambda pair: rj.reach(chain, pair[0], loads, LIMITS, start=pair[1], starts=1), pairs)
     single, _ = median(lambda i: rj.solve_lengths(chain, many.lengths[i], loads, tension_limits=LIMITS), few)
     scipy_us, scipy_reached = by_scipy(chain, loads, tips[:SCIPY])
-    times = [
-        1e6 * batch / len(tips),
-        1e6 * forward / len(tips),
-        1e6 * warm,
-        1e6 * single,
-        scipy_us,
-    ]
+    times = [*(1e6 * each for each in (batch / len(tips), forward / len(tips), warm, single)), scipy_us]
     in_batch, forward_us, one, one_forward, scipy = (f"{value:,.{1 if value < 100 else 0}f}" for value in times)
     reached, warm_reached = f"{np.mean(many.ok):.4%}", f"{np.mean([one.ok for one in neighbours]):.1%}"
     figures = in_batch, reached, forward_us, one, warm_reached, one_forward, scipy, f"{scipy_reached:.0%}"
@@ -124,6 +124,22 @@ def by_casadi(count: int, seed: int) -> list[str]:
     alike = np.abs(more) < 1e-3
     figures = [value for pair in zip(times, shares, strict=True) for value in pair]
     return [str(len(tips)), *figures, *(f"{np.mean(each):.1%}" for each in (alike, more <= -1e-3, more >= 1e-3))]
+
+
+def floors() -> str:
+    """How many floors the results have, and the largest change of the mean of a world if they are found again."""
+    from agents.evaluation.floor import episode_floor
+    from agents.results import read_results
+    from agents.results.environment import changed, environment_of
+
+    changes, count = [], 0
+    for record in read_results(RESULTS).benchmarks:
+        for world in record.worlds:
+            if world.floors is not None:
+                found = episode_floor(changed(environment_of(record), world.changes), world.seeds).errors
+                changes.append(abs(float(np.mean(found - world.floors))))
+                count += len(found)
+    return f"{count:,} floors in {len(changes)} worlds; the largest change of a mean is {max(changes):.1e} mm"
 
 
 def plans(name: str, count: int, seed: int) -> list[str]:
@@ -192,10 +208,9 @@ def by_scipy(chain: Any, loads: Any, tips: np.ndarray) -> tuple[float, float]:
 
 def median(work: Callable[[Any], Any], items: Sequence[Any]) -> tuple[float, list[Any]]:
     """The median processor time of `work` of an item [s], each the shorter of two, and the results."""
-    runs = [[timed(lambda item=item: work(item)) for item in items] for _ in range(2)]
-    return float(np.median([min(first[1], second[1]) for first, second in zip(*runs, strict=True)])), [
-        r for r, _ in runs[0]
-    ]
+    first, second = ([timed(lambda item=item: work(item)) for item in items] for _ in range(2))
+    seconds = [min(one[1], other[1]) for one, other in zip(first, second, strict=True)]
+    return float(np.median(seconds)), [result for result, _ in first]
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:

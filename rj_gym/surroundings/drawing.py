@@ -121,7 +121,7 @@ def scenes_among_discs(task: DrawnTask, rngs: Sequence[Rng], fixed: Mapping[str,
         active = [lane for lane, scene in enumerate(scenes) if scene is None]
         if not active:
             return [scene for scene in scenes if scene is not None]
-        tried = [lane for lane in active for _ in range(search.goals)]
+        tried = [lane for lane in active for _ in range(GOALS)]
         goals = np.array([random_commands(task, rngs[lane]) for lane in tried])
         straight, good = free_way(task, goals)
         far = np.hypot(*(straight[-1, :, -1, :2] - straight[0, :, -1, :2]).T) >= config.reach_mm
@@ -186,23 +186,22 @@ def _scene_of_a_wall(config: HiddenWallConfig, wall: HalfPlane, target: Array, g
 
 
 _WAY = 12  # steps of a change of the commands without walls
-VIAS, MOST_STEPS = 32, 45
-"""Commands by way of which targets behind discs are looked for, and steps of that way."""
+GOALS, VIAS, MOST_STEPS = 4, 32, 45
+"""Targets behind discs that are tried together, commands by way of which they are looked for, and steps of that way."""
 
 
 class WaySearch(NamedTuple):
     """How a target behind discs is looked for.
 
-    Fields: goals: targets that are tried together. pull: the largest of the commands by way of which it goes [mm].
-    looks: at each of _WAY steps whether it is clear of the discs; 0: at every other step, where discs can be jumped.
+    Fields: pull: the largest of the commands by way of which it goes [mm]. looks: at each of _WAY steps whether it is
+    clear of the discs; 0: at every other step, where discs can be jumped.
     """
 
-    goals: int
     pull: float
     looks: int
 
 
-SEARCHES = {"coarse": WaySearch(4, 7.0, 0), "fine": WaySearch(4, 13.0, 4)}
+SEARCHES = {"coarse": WaySearch(7.0, 0), "fine": WaySearch(13.0, 4)}
 """By the setting `search`. Large pulls bend an instrument to an S, which leads around most discs."""
 
 

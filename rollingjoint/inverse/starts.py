@@ -49,9 +49,9 @@ def nearest_sample(chain: AnyChain, table: Array, limits: Array, tip: Array) -> 
         return None
     samples = samples_of(chain, table, *limits)
     away = ((samples.tip - tip) ** 2).sum(axis=1)
-    nearest = int(away.argmin()) if len(away) else 0
-    if not len(away) or not np.isfinite(away[nearest]):
+    if not np.isfinite(away).any():
         return None
+    nearest = int(np.nanargmin(away))
     return Sample(samples.joint_angles[nearest], samples.tensions[nearest])
 
 
