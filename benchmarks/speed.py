@@ -54,29 +54,36 @@ def main(argv: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         images = output.parent / "images" if output else Path(scratch)
         names = [arguments.only] if arguments.only else SECTIONS
-        measured = {name: _measured(name, sizes, images) for name in names}
+        repeated = [name for name in names if not getattr(_section(name), "ONCE", False)]
+        rows = {name: _measured(name, sizes, images) for name in repeated}
         for _ in range(arguments.rounds - 1):
-            for name, (section, rows) in measured.items():
-                if not getattr(section, "ONCE", False):
-                    again = _measured(name, sizes, Path(scratch))[1]
-                    measured[name] = section, [row.best(other) for row, other in zip(rows, again, strict=True)]
+            for name in repeated:
+                again = _measured(name, sizes, Path(scratch))
+                rows[name] = [row.best(other) for row, other in zip(rows[name], again, strict=True)]
+        rows |= {name: _measured(name, sizes, images) for name in names if name not in rows}
+    measured = [(_section(name), rows[name]) for name in names]
     if output:
-        output.write_text(page(list(measured.values()), arguments.rounds), "utf-8")
+        output.write_text(page(measured, arguments.rounds), "utf-8")
         _report(f"wrote {output}")
     else:
-        print("\n\n".join(f"## {section.TITLE}\n\n{table(rows)}" for section, rows in measured.values()))
+        print("\n\n".join(f"## {section.TITLE}\n\n{table(rows)}" for section, rows in measured))
 
 
-def _measured(name: str, sizes: Sizes, images: Path) -> tuple[Section, list[Row]]:
-    """A section and its rows; every row is reported as it comes."""
+def _section(name: str) -> Section:
+    """The module of a section."""
     section: Section = import_module(f"speed_rows.{name}")
+    return section
+
+
+def _measured(name: str, sizes: Sizes, images: Path) -> list[Row]:
+    """The rows of a section; each is reported as it comes."""
     rows, begin = [], time.perf_counter()
-    for row in section.measure(sizes, images):
+    for row in _section(name).measure(sizes, images):
         value = row.note if row.value is None else quantity(row.value, row.unit)
         _report(f"{name}: {row.what}: {value}")
         rows.append(row)
     _report(f"{name}: {time.perf_counter() - begin:.0f} s")
-    return section, rows
+    return rows
 
 
 def _report(line: str) -> None:

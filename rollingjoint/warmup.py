@@ -31,6 +31,8 @@ from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve
 from rollingjoint.surroundings import Disc, Sphere, Surroundings, WallFriction
 
 ENTRY_POINTS = "rollingjoint.kernels"
+FAMILIES = ("planar", "arm", "space")
+"""Kinds of mechanisms: planar chains, arms, and chains in space."""
 _PAUSE = 0.05  # s between two looks at the processes
 _PROGRAM = """
 import importlib, os, queue, signal, sys, threading
@@ -57,13 +59,16 @@ class Group:
         title: the solver that they belong to, for people.
         use: a function at the top level of a module, which calls them all.
         after: title of a group with further kernels that it needs; empty if there is none.
-        family: groups of one family have parts in common, which a process that compiles several of them types once.
+        family: one of FAMILIES, of one kind of mechanism, or empty: groups of one family have parts in common, which a
+            process that compiles several of them types once.
+        walls: whether they are of mechanisms among walls.
     """
 
     title: str
     use: Callable[[], object]
     after: str = ""
     family: str = ""
+    walls: bool = False
 
     @property
     def is_kept(self) -> bool:
@@ -89,10 +94,14 @@ class WarmupProgress:
         """Called several times a second."""
 
 
-def all_groups() -> tuple[Group, ...]:
-    """The groups of this package and of installed packages that add some."""
+def all_groups(families: Sequence[str] = FAMILIES, walls: bool = True) -> tuple[Group, ...]:
+    """The groups of this package and of installed packages that add some.
+
+    Args:
+        families: those of these, and the groups of no family. walls: also of mechanisms among walls.
+    """
     added = [group for entry in sorted(entry_points(group=ENTRY_POINTS)) for group in entry.load()]
-    return (*GROUPS, *added)
+    return tuple(group for group in (*GROUPS, *added) if group.family in (*families, "") and (walls or not group.walls))
 
 
 def missing(groups: Sequence[Group]) -> list[Group]:
@@ -392,26 +401,29 @@ def _step_with_friction(mechanism: AnyChain, surroundings: Surroundings | None =
 GROUPS = (
     Group("the arm's general solver with friction", general_arm_solver_with_friction, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
-    Group("the planar solver among walls", planar_solver_among_walls, family="planar"),
+    Group("the planar solver among walls", planar_solver_among_walls, family="planar", walls=True),
     Group(
         "the planar solver with friction among walls",
         planar_friction_among_walls,
         after="the planar solver among walls",
         family="planar",
+        walls=True,
     ),
-    Group("the arm's solver among walls", arm_solver_among_walls, family="arm"),
+    Group("the arm's solver among walls", arm_solver_among_walls, family="arm", walls=True),
     Group(
         "the arm's solver with friction among walls",
         arm_friction_among_walls,
         after="the arm's solver among walls",
         family="arm",
+        walls=True,
     ),
-    Group("the solver of chains in space among walls", spatial_solver_among_walls, family="space"),
+    Group("the solver of chains in space among walls", spatial_solver_among_walls, family="space", walls=True),
     Group(
         "the solver of chains in space with friction among walls",
         spatial_friction_among_walls,
         after="the solver of chains in space among walls",
         family="space",
+        walls=True,
     ),
     Group("the general planar solver", general_planar_solver, family="planar"),
     Group("the general planar solver with friction", general_planar_solver_with_friction, family="planar"),

@@ -19,13 +19,15 @@ from speed_rows.walk import random_walk
 TITLE = "Vector environment"
 TEXT = """`gymnasium.make_vec(id, lanes, "vector_entry_point")`, random actions drawn beforehand, a step counted
 once per lane; seeded once beforehand, a reset of all lanes and all automatic ones included. Reacher-v5 has no native
-vector environment and steps in Gymnasium's `SyncVectorEnv`."""
+vector environment and steps in Gymnasium's `SyncVectorEnv`; so do our own scalar environments, as the peers of arms.
+Arms have 32 hinges and 8 tendons; that of ArmInstrument has friction besides."""
 PICTURES = {"speed_vector_env.png": "Steps per second of all lanes over the number of lanes"}
 
 OURS = "rj_gym/RollingJoint-v0"
 EPISODE = 51  # steps, the one that resets included
 PICTURE_REPEATS = 5
 SYNC_LANES = 8
+ARMS = {"rj_gym/FlexibleArm-v0": 1, "rj_gym/ArmInstrument-v1": 16}  # by how much fewer lanes
 
 
 def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
@@ -40,6 +42,15 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     note = f"{steps:,} steps, {sizes.vector_episodes} episodes of every lane"
     what = f"{OURS}, {lanes:,} lanes"
     yield timed_row(what, "steps/s", race(contestants, sizes.repeats), Target(3e6, at_least=True), note)
+    for env_id, fewer in ARMS.items():
+        lanes = max(sizes.vector_lanes // fewer, SYNC_LANES)
+        peer = player(env_id, SYNC_LANES, EPISODE, "sync")
+        contestants = {
+            "ours": player(env_id, lanes, EPISODE),
+            f"the scalar one, SyncVectorEnv, {SYNC_LANES} lanes": peer,
+        }
+        note = f"{EPISODE} steps, an episode of every lane"
+        yield timed_row(f"{env_id}, {lanes:,} lanes", "steps/s", race(contestants, sizes.repeats), note=note)
     _draw(sizes, images / "speed_vector_env.png")
 
 

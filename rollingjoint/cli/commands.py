@@ -185,7 +185,7 @@ def _mechanisms(args: argparse.Namespace) -> int:
 
 def _warmup(args: argparse.Namespace) -> int:
     try:
-        return OK if warmup_command.run() else NOT_USABLE
+        return OK if warmup_command.run(args.families, not args.without_walls) else NOT_USABLE
     except KeyboardInterrupt:
         return interrupted("rj warmup: interrupted; what is compiled is kept")
 
@@ -286,7 +286,9 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     add_identify(identify)
     identify.set_defaults(run=_identify)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
-    commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
+    warmup = commands.add_parser("warmup", help="compile the kernels now, not at the first solve")
+    warmup_command.add_options(warmup)
+    warmup.set_defaults(run=_warmup)
     check = commands.add_parser("check", help="validate mechanism files; lengths of their tendons at rest")
     check.add_argument("file", nargs="+", metavar="FILE", help="YAML file, or a preset")
     check.set_defaults(run=_check)

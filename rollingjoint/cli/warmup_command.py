@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 import time
 
 from rollingjoint._numba.cache import cache_directory
-from rollingjoint.warmup import Group, WarmupProgress, all_groups, compile_kernels, missing
+from rollingjoint.checks import as_choice
+from rollingjoint.warmup import FAMILIES, Group, WarmupProgress, all_groups, compile_kernels, missing
 
 
-def run() -> bool:
-    """Compile the kernels that are not on disk, and print the progress; returns whether all kernels are there."""
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    text = f"only kernels of these: {', '.join(FAMILIES)} (default: all)"
+    parser.add_argument("families", nargs="*", metavar="MECHANISM", help=text)
+    parser.add_argument("--without-walls", action="store_true", help="leave out kernels of mechanisms among walls")
+
+
+def run(families: list[str], walls: bool) -> bool:
+    """Compile the kernels that are not on disk, and print the progress; returns whether all kernels are there.
+
+    Args:
+        families: of rollingjoint.warmup.FAMILIES; empty: all. walls: also of mechanisms among walls.
+    Raises:
+        InvalidInput: another family.
+    """
     begin = time.perf_counter()
-    groups = all_groups()
+    families = [as_choice("MECHANISM", family, FAMILIES) for family in families] or list(FAMILIES)
+    groups = all_groups(families, walls)
     missing_groups = missing(groups)
     if not missing_groups:
         print(f"all kernels are there, kept in {cache_directory()}")
