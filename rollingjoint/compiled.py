@@ -34,7 +34,7 @@ Solvers:
     call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with entry and pins of a
         PinnedRange (arms: PinnedHinges, rolling joints in space: PinnedContacts); number of rows left to its
         solve_the_rest, -1 where it had no memory. TendonLaw: commanded lengths, stiffnesses and tension
-        limits, (B, m) each. PENDING: the status of a row left to it.
+        limits, (B, m) each. PENDING: the status of a row left to it. WIDTH: rows that are solved side by side.
     FrictionArrays: friction of rows, with histories, for step_range, and for begin_range, which fills histories before
         any slip. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
         N_COEFFICIENTS columns.
@@ -50,6 +50,7 @@ from rollingjoint._numba.cache import cache_directory
 from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, standalone
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
+from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import carve, singles_at
 from rollingjoint.chain.batch import PinnedRange, begin_range, step_range
 from rollingjoint.kernels.arrays import TendonLaw
@@ -94,6 +95,7 @@ __all__ = [
     "N_COEFFICIENTS",
     "PENDING",
     "PRESLIDING",
+    "WIDTH",
     "BatchArrays",
     "Floats",
     "FrictionArrays",

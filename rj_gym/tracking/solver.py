@@ -16,7 +16,9 @@ from rollingjoint.chain.stacks import Variations, stack
 from rollingjoint.compiled import (
     MU,
     N_COEFFICIENTS,
+    PENDING,
     PRESLIDING,
+    WIDTH,
     Floats,
     FrictionArrays,
     FrictionLaw,
@@ -101,14 +103,27 @@ class LaneSolver:
         if revise is None:
             (self._steps or self.alone).solve_the_rest(first, last)
             return
-        solve = self._steps or self.alone.solve_the_rest
-        solve(first, last)
+        if self._steps is None:
+            self.alone.solve_the_rest(first, last)
+        else:
+            self._steps(first, last)
         for _ in range(REVISIONS):
             if not revise(first, last):
                 break
-            solve(first, last)
+            if self._steps is None:
+                self.alone.solve_the_rest(first, last)
+            else:
+                self._step_pending(self._steps, first, last)
         if self._steps is not None:
             self._steps.keep(first, last)
+
+    def _step_pending(self, step: Range, first: int, last: int) -> None:
+        """Take the steps of the PENDING ones among these lanes anew; others beside them end where they did."""
+        side_by_side = WIDTH if self.starts.shape[1] <= self._kernels.most_with_friction else 1
+        for lane in (first + np.flatnonzero(self.results.status[first:last] == PENDING)).tolist():
+            if lane >= first:
+                first = min(lane + side_by_side, last)
+                step(lane, first)
 
     def solve_at(self, tensions: Array, forces: Array | float = 0.0) -> None:
         """Solve the first lanes under tensions (count, m) and forces (count, d), from their neutral poses."""

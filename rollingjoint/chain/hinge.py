@@ -26,7 +26,6 @@ from rollingjoint.kernels.hinge_lanes import (
     step_hinges_side_by_side,
 )
 from rollingjoint.kernels.hinges import N_TURNS, HingeBatchArrays, Hinges, PinnedHinges, new_hinge_results
-from rollingjoint.kernels.lanes import MOST_JOINTS
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load, spatial_load_table
 
 Array = NDArray[np.float64]
@@ -121,7 +120,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         memory=memory_alone,
         step=step_hinges_side_by_side,
         most_joints=MOST_HINGES,
-        most_with_friction=MOST_JOINTS,
+        most_with_friction=MOST_HINGES,
     )
 
     beads: Sequence[Bead]

@@ -130,6 +130,25 @@ def test_every_group_waits_for_one_that_there_is():
     assert {group.after for group in ALL} <= {*titles, ""}
 
 
+def test_groups_of_chosen_mechanisms():
+    assert warmup.all_groups() == ALL
+    planar = warmup.all_groups(["planar"], walls=False)
+    titles = {group.title for group in planar}
+    assert {"the planar solver", "the environments", "motors and sheaths"} <= titles
+    assert not [title for title in titles if "walls" in title or "arm" in title or "space" in title]
+    assert {group.family for group in ALL} == {*warmup.FAMILIES, ""}
+    assert [group.walls for group in ALL] == ["among walls" in group.title for group in ALL]
+
+
+def test_the_command_compiles_kernels_of_chosen_mechanisms(monkeypatch, capsys):
+    chosen = []
+    monkeypatch.setattr(warmup_command, "missing", lambda groups: chosen.append(groups) or [])
+    assert commands.main(["warmup", "arm", "--without-walls"]) == commands.main(["warmup"]) == commands.OK
+    assert {group.family for group in chosen[0]} == {"arm", ""} and chosen[1] == ALL
+    assert commands.main(["warmup", "arms"]) == commands.WRONG_INPUT
+    assert "MECHANISM = 'arms': expected one of 'planar', 'arm', 'space'. Did you mean 'arm'?" in capsys.readouterr().err
+
+
 def test_environments_are_an_entry_point():
     with (ROOT / "pyproject.toml").open("rb") as file:
         named = tomllib.load(file)["project"]["entry-points"][warmup.ENTRY_POINTS]
@@ -141,7 +160,7 @@ def only(monkeypatch):
     """A function that has `rj warmup` compile these groups, all of them missing."""
 
     def choose(*groups):
-        monkeypatch.setattr(warmup_command, "all_groups", lambda: groups)
+        monkeypatch.setattr(warmup_command, "all_groups", lambda *chosen: groups)
         monkeypatch.setattr(warmup_command, "missing", list)
 
     return choose
@@ -175,7 +194,7 @@ import signal, sys
 from rollingjoint.cli import main, warmup_command
 from rollingjoint.warmup import Group
 groups = Group("the first", signal.pause), Group("the second", signal.pause)
-warmup_command.all_groups, warmup_command.missing = lambda: groups, list
+warmup_command.all_groups, warmup_command.missing = lambda *chosen: groups, list
 sys.exit(main(["warmup"]))
 """
 
