@@ -2,15 +2,9 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
-import sys
-import time
-import zipfile
-from contextlib import suppress
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -23,82 +17,29 @@ from agents.executors.progress import Progress
 from agents.search import __main__ as search
 from rollingjoint.errors import ConfigError
 from tests.agents.executors import units
+from tests.agents.executors.nodes import (
+    SEARCH,
+    campaign_file,
+    ended,
+    nodes_of_this_machine,
+    process_in,
+    run,
+    searched,
+    trained,
+    wait_until,
+)
 from tests.agents.forked import CONTEXT
-from tests.conftest import ROOT, sources_first
 
 NO_RAY = 'Ray is not installed: pip install "rollingjoint[cluster]"'
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(find_spec("ray") is None, reason=NO_RAY)]
 
-TRAIN = """
-algorithm: ppo
-total_timesteps: {steps}
-env: {{n_envs: 2, settings: {{episode_steps: 10}}}}
-parameters: {{n_steps: 10, batch_size: 20, n_epochs: 1}}
-policy: {{hidden: [8]}}
-evaluation: {{every: 200, episodes: 2}}
-checkpoint_every: 100
-"""
-SEARCH = """
-space: {knots: 3}
-objectives:
-  - {kind: lateral_stiffness, tensions: [[5, 5]]}
-limits:
-  - {kind: tip_rotation, cases: 3, low: 0.1}
-methods:
-  random: {batch: 5}
-  cma_es: {population: 5}
-budget: 120
-seeds: [1, 2]
-"""
 CHUNKS = SEARCH.replace("population: 5", "population: 220").replace("budget: 120", "budget: 660\nchunk: 100")
-SETTINGS = {  # read when Ray is imported, which only this module has done
-    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # all ports on 127.0.0.1
-    "RAY_AUTH_MODE": "token",
-    "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_agent_register_timeout_ms": "300000",  # a machine that has other work takes its time
-    "RAY_worker_niceness": "0",
-}
-PATIENCE = 1200.0  # seconds, for a machine that has other work
-NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "memory": 3 * 2**30}
-
-
-class TwoNodes:
-    """The cluster: its head, and a node that can be killed. A token keeps others out."""
-
-    def __init__(self):
-        from ray.cluster_utils import Cluster
-
-        self.cluster = Cluster(initialize_head=True, head_node_args=NODE | {"include_dashboard": False})
-        self.address = self.cluster.address
-        self.second = None
-
-    def complete(self):
-        """Have the second node join unless it is there; under load Ray gives up on it after half a minute."""
-        for _ in range(3):
-            if self.second is None:
-                with suppress(Exception):
-                    self.second = self.cluster.add_node(**NODE)
-        assert self.second is not None
-
-    def kill_the_second(self):
-        """All its processes are killed."""
-        self.cluster.remove_node(self.second, allow_graceful=False)
-        self.second = None
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    token = tmp_path_factory.mktemp("token") / "token"
-    token.write_text("of this test " * 4)
-    token.chmod(0o600)
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in SETTINGS.items():
-            patch.setenv(name, value)
-        patch.setenv("RAY_AUTH_TOKEN_PATH", str(token))
-        patch.setenv("PYTHONPATH", sources_first()["PYTHONPATH"])
-        made = TwoNodes()
-        yield made
-        made.cluster.shutdown()
+    with nodes_of_this_machine(tmp_path_factory.mktemp("token")) as nodes:
+        yield nodes
 
 
 @pytest.fixture
@@ -111,54 +52,6 @@ def nodes(cluster):
 def executor(nodes):
     with options.executor_of(nodes.address) as made:
         yield made
-
-
-def run(module, *words):
-    """A command in a process of its own, as users start it; the process."""
-    command = [sys.executable, "-m", module, *map(str, words)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
-
-
-def ended(process):
-    """Exit code and output."""
-    said, _ = process.communicate(timeout=PATIENCE)
-    return process.returncode, said
-
-
-def wait_until(holds, seconds=PATIENCE):
-    until = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < until, "waited in vain"
-        time.sleep(0.02)
-
-
-def process_in(folder):
-    """The process that holds the lock of a folder, or None."""
-    locks, end = Path("/proc/locks").read_text(), rf"\S+:{(folder / 'lock').stat().st_ino} "
-    return next((int(found[1]) for found in re.finditer(rf" FLOCK .* (\d+) {end}", locks)), None)
-
-
-def campaign_file(folder, steps, seeds):
-    (folder / "near.yaml").write_text(TRAIN.format(steps=steps))
-    (folder / "list.yaml").write_text(f"runs: [{{config: near.yaml, seeds: {list(seeds)}}}]\n")
-    return folder / "list.yaml"
-
-
-def trained(out):
-    """What training found, by run: networks and evaluations."""
-    found = {}
-    for path in sorted(out.glob("near/seed_*/")):
-        with zipfile.ZipFile(path / "policy.zip") as archive:
-            found[path.name] = archive.read("policy.pth"), (path / "evaluations.csv").read_text()
-    return found
-
-
-def searched(out):
-    """The journals without their times, by run."""
-    lines = {path.parent: path.read_text().splitlines() for path in sorted(out.glob("*/*/evaluations.jsonl"))}
-    return {
-        str(path.relative_to(out)): [json.loads(line) | {"seconds": 0} for line in some] for path, some in lines.items()
-    }
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +96,7 @@ def test_a_campaign_outlives_a_worker_and_a_node_and_ends_as_on_local_processes(
     process = run("agents.campaign", local / "list.yaml", "--out", out, "--cluster", nodes.address)
     wait_until(lambda: len(list(out.glob("near/seed_[12]/checkpoints/[0-9]*"))) > 3)
     os.kill(process_in(out / "near/seed_1"), signal.SIGKILL)
-    nodes.kill_the_second()
+    nodes.kill()
     code, said = ended(process)
     assert code == 0, said
     assert "its worker or machine is gone" in said
@@ -246,7 +139,7 @@ def test_a_search_outlives_a_node_and_ends_as_on_local_processes(nodes, local, t
     out = tmp_path / "out"
     process = run("agents.search", local / "search.yaml", "--out", out, "--cluster", nodes.address)
     wait_until(lambda: list(out.glob("*/*/evaluations.jsonl")))
-    nodes.kill_the_second()
+    nodes.kill()
     code, said = ended(process)
     assert code == 0, said
     assert searched(out) == searched(local / "search")

@@ -166,6 +166,22 @@ def test_the_vector_environment_is_many_scalar_ones(world):
             assert_same(native, scalar)
 
 
+def test_pulls_that_end_in_another_way_are_solved_anew_without_the_other_lanes():
+    envs, lanes = make("ArmInstrument", 64, actuation=LIMITED), 64
+    steps, taken = envs._buffer.solver._steps, []
+    step = steps._step
+    steps._step = lambda first, last: taken.append(last - first) or step(first, last)
+    envs.reset(seed=0)
+    taken.clear()
+    anew = 0
+    for _ in range(20):
+        envs.step(np.ones((lanes, 4)))
+        assert taken[0] == lanes and max(taken[1:], default=0) <= 8
+        anew += sum(taken[1:])
+        taken.clear()
+    assert 0 < anew < 20 * lanes
+
+
 @worlds
 def test_lanes_go_on_from_states_and_pickles(world):
     env = make(world, 3, **EVERYTHING)
