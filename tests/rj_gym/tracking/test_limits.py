@@ -167,15 +167,13 @@ def test_the_vector_environment_is_many_scalar_ones(world):
 
 
 def test_pulls_that_end_in_another_way_are_solved_anew_without_the_other_lanes():
-    envs, lanes = make("ArmInstrument", 64, actuation=LIMITED), 64
-    steps, taken = envs._buffer.solver._steps, []
+    envs, lanes, taken, anew = make("ArmInstrument", 64, actuation=LIMITED), 64, [], 0
+    envs.reset(seed=0)
+    steps = envs._buffer.solver._steps
     step = steps._step
     steps._step = lambda first, last: taken.append(last - first) or step(first, last)
-    envs.reset(seed=0)
-    taken.clear()
-    anew = 0
     for _ in range(20):
-        envs.step(np.ones((lanes, 4)))
+        envs.step(np.ones((lanes, envs.single_action_space.shape[0])))
         assert taken[0] == lanes and max(taken[1:], default=0) <= 8
         anew += sum(taken[1:])
         taken.clear()
