@@ -11,6 +11,7 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,14 +69,16 @@ def on_nodes(work: Work, nodes: Nodes, count: int, out: Path, every: float, most
     """Run the command while nodes are lost: seconds, nodes killed, units that were tried again."""
     nodes.complete(count)
     begun, killed = time.monotonic(), 0
-    process, due = run(work.module, *work.words(out), "--cluster", nodes.address), time.monotonic() + 2 * every
-    while process.poll() is None:
-        time.sleep(0.1)
-        if killed < most and time.monotonic() > due:
-            nodes.kill()
-            nodes.complete(count)
-            killed, due = killed + 1, time.monotonic() + every
-    code, said = ended(process)
+    process, due = run(work.module, *work.words(out), "--cluster", nodes.address), begun + 2 * every
+    with ThreadPoolExecutor(1) as reader:  # a command whose output nobody reads stops
+        end = reader.submit(ended, process)
+        while not end.done():
+            time.sleep(0.1)
+            if killed < most and time.monotonic() > due:
+                nodes.kill()
+                nodes.complete(count)
+                killed, due = killed + 1, time.monotonic() + every
+    code, said = end.result()
     assert code == 0, said
     return time.monotonic() - begun, killed, said.count("its worker or machine is gone")
 
