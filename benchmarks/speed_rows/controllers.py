@@ -25,8 +25,8 @@ from speed_rows.sizes import LEFT_OUT, Sizes
 TITLE = "Controllers"
 ONCE = True
 TEXT = """Processor seconds of one core until a policy's error is within 20 % of the best known, evaluations left out:
-the shipped recipes (`configs/train/apg_TASK.yaml`, `distill_lumen.yaml`), and Stable-Baselines3's PPO with its
-defaults and 16 lanes. The best known is the smallest mean error over the last 10 steps in the test episodes of
+the shipped recipes (`rj train apg_fixed_target` and so on, of lumens `distill_lumen`), and Stable-Baselines3's PPO with
+its defaults and 16 lanes. The best known is the smallest mean error over the last 10 steps in the test episodes of
 [results.md](results.md), of all controllers without privilege; of lumens, which are not on that page, the error of the
 shipped policy in the validation episodes. Errors below 0.01 mm are as good as that. A policy is scored on the recipe's
 validation episodes after every twentieth of its steps. One that does not get there has no value; a training that takes
