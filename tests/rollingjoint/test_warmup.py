@@ -146,7 +146,8 @@ def test_the_command_compiles_kernels_of_chosen_mechanisms(monkeypatch, capsys):
     assert commands.main(["warmup", "arm", "--without-walls"]) == commands.main(["warmup"]) == commands.OK
     assert {group.family for group in chosen[0]} == {"arm", ""} and chosen[1] == ALL
     assert commands.main(["warmup", "arms"]) == commands.WRONG_INPUT
-    assert "MECHANISM = 'arms': expected one of 'planar', 'arm', 'space'. Did you mean 'arm'?" in capsys.readouterr().err
+    said = "MECHANISM = 'arms': expected one of 'planar', 'arm', 'space'. Did you mean 'arm'?"
+    assert said in capsys.readouterr().err
 
 
 def test_environments_are_an_entry_point():
