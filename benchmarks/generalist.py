@@ -6,6 +6,7 @@
     python benchmarks/generalist.py --blind --run runs/blind       # mechanisms whose tip is not seen
     python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
     python benchmarks/generalist.py --film docs/images/generalist.gif
+    python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
 
 Every design has the same number of episodes, with the same seeds for every controller: load, link and the tensions of
 the target. The error of an episode is the mean tip error over its last 10 steps. Intervals are 95 %, by a bootstrap
@@ -27,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
@@ -187,13 +189,14 @@ def _spread(errors: Errors) -> list[str]:
 
 
 def over_trainings(errors: dict[str, Errors]) -> str:
-    """Mean and spread over trainings of their mean error, and of the median over all episodes."""
+    """Mean over trainings of their mean error, and of the median over all episodes, with Student's 95 % interval."""
     lines = []
     for name, measure in (("mean", np.mean), ("median", np.median)):
         values = np.array([measure(each) for each in errors.values()])
+        half = stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
         lines.append(
-            f"{name} error of {len(values)} trainings: {values.mean():.3f} mm, standard deviation "
-            f"{values.std(ddof=1):.3f}, from {values.min():.3f} to {values.max():.3f}"
+            f"{name} error of {len(values)} trainings: {values.mean():.3f} mm [{values.mean() - half:.3f}, "
+            f"{values.mean() + half:.3f}], from {values.min():.3f} to {values.max():.3f}"
         )
     return "\n".join([*lines, ""])
 

@@ -9,6 +9,7 @@ Modules:
     designs: designs by number, and their description in observations.
     env: the scalar environment, with the decision process in its docstring.
     episodes: running episodes, distributed by number of links.
+    kernels: observations of all lanes, compiled, from those by number of links.
     task: the task: of all mechanisms together, and of those with as many links.
     vector: the native vector environment.
 """

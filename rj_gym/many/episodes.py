@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,16 +11,20 @@ from numpy.typing import NDArray
 from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Generators, Random
-from rj_gym.many.designs import DrawnDesign, description_entries
+from rj_gym.many.designs import DrawnDesign
+from rj_gym.many.kernels import ABSENT, RUN_COLUMNS, UNIT_ROWS, Lanes, RowArrays, spread
 from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.tangent import Tangent
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.compiled import Pinned, machine_code
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 
+
+NO_RUNS = np.zeros((0, RUN_COLUMNS), np.int64)
 
 MOST_KNOWN = 128
 """Mechanisms of one number of links that a buffer keeps, so that episodes that draw them again begin faster."""
@@ -51,23 +54,46 @@ class _Size:
     """The lanes with one number of links: in the first rows of an episode buffer of their task.
 
     Args:
-        task: with all numbers of links. n_links: of these. capacity: lanes at most.
+        task: with all numbers of links. n_links: of these. every: the arrays of all lanes.
     Attributes:
-        lanes: of the rows, (count,). designs: of the rows.
+        designs: of the rows.
     """
 
-    def __init__(self, task: ManyMechanismsTask, n_links: int, capacity: int) -> None:
-        self._task, self.own, self.n_links = task, task.sizes[n_links], n_links
+    def __init__(self, task: ManyMechanismsTask, n_links: int, every: Lanes) -> None:
+        self._task, self.own, self.n_links, capacity = task, task.sizes[n_links], n_links, len(every.readings)
         self.buffer = TrackingEpisodeBuffer(self.own, capacity)
         self._spare: TrackingEpisodeBuffer | None = None
         self._known = _Known()
-        self._parts = _slices(task.places[n_links])
-        self._truth_parts = _slices(task.truth_places[n_links]) if task.tells_truth else []
-        self.place([], NO_ROWS)
+        self.designs: list[DrawnDesign] = []
+        self._arrays = RowArrays(
+            every,
+            lanes=np.zeros(capacity, np.int64),
+            runs=runs_of(task.places[n_links], len(task.entries())),
+            truth_runs=runs_of(task.truth_places[n_links], len(task.privileged_entries()))
+            if task.tells_truth
+            else NO_RUNS,
+            readings=self.buffer.readings,
+            entries=len(task.places[n_links]),
+            plain=task.plain_columns,
+        )
+        self._bind()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in {"_pinned", "_pins", "_spread"}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._bind()
+
+    @property
+    def lanes(self) -> Rows:
+        """The lanes of the rows, (count,): a view."""
+        return self._arrays.lanes[: len(self.designs)]
 
     def place(self, designs: Sequence[DrawnDesign], lanes: Rows) -> None:
         """Have the first rows be these lanes, with these designs."""
-        self.designs, self.lanes = list(designs), np.asarray(lanes, np.int64)
+        self.designs = list(designs)
+        self.lanes[:] = lanes
 
     def leave(self, stays: NDArray[np.bool_]) -> None:
         """Keep the rows of the mask (count,), and move them together."""
@@ -77,10 +103,10 @@ class _Size:
             self.place([self.designs[row] for row in rows], self.lanes[rows])
 
     def join(
-        self, lanes: Rows, designs: Sequence[DrawnDesign], rngs: Random, options: TrackingOptions
-    ) -> tuple[dict[str, Any], Observation]:
-        """New episodes in these lanes, in the next rows; their info["sampled"], and observations in plain units."""
-        count, begins = len(self.lanes), self.buffer
+        self, lanes: Rows, designs: Sequence[DrawnDesign], rngs: Random, options: TrackingOptions, into: Observation
+    ) -> dict[str, Any]:
+        """New episodes in these lanes, in the next rows; fills their observations, and gives their info["sampled"]."""
+        count, begins = len(self.designs), self.buffer
         if count > 0:
             if self._spare is None or self._spare.capacity < len(lanes):
                 self._spare = TrackingEpisodeBuffer(self.own, len(lanes))
@@ -89,32 +115,30 @@ class _Size:
         if count > 0:
             self.buffer.take(np.arange(count, count + len(lanes)), begins)
         self.place([*self.designs, *designs], np.concatenate([self.lanes, lanes]))
-        return begins.sampled_info(draws), vectors
+        self._put(vectors, into, count)
+        return begins.sampled_info(draws)
 
     def step(self, actions: Array, into: Observation) -> None:
-        """One step with the actions of all lanes, (B, m); fills the observations of the rows, (count, all entries)."""
+        """One step with the actions of all lanes, (B, m); fills the observations and readings of these."""
         self.buffer.accept_first(actions[self.lanes])
-        self.spread(self.buffer.advance_first(len(self.lanes)), into)
+        self._put(self.buffer.advance_first(len(self.designs)), into)
 
     def observe(self, into: Observation) -> None:
-        """Fill the current observations of the rows, (count, all entries)."""
-        self.spread(self.buffer.observe(), into)
+        """Fill the current observations of these lanes among all, (B, entries), and their readings."""
+        self._put(self.buffer.observe(), into)
 
-    def readings(self, into: Array) -> None:
-        """Fill the readings of the rows, (count, all columns)."""
-        values, plain = self.buffer.readings[: len(into)], self._task.plain_columns
-        into[:, :plain] = values[:, :plain]
-        for theirs, own in self._truth_parts:
-            into[:, plain:][:, theirs] = values[:, plain:][:, own]
+    def _put(self, vectors: Observation, into: Observation, first: int = 0) -> None:
+        """Put observations of rows from `first` on, and their readings, where their lanes are."""
+        self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, first, len(self.designs))
 
-    def spread(self, vectors: Observation, into: Observation) -> None:
-        """Put observations of rows into (count, all entries)."""
-        for theirs, own in self._parts:
-            into[:, theirs] = vectors[: len(into), own]
+    def _bind(self) -> None:
+        self._pinned = Pinned(self._arrays)
+        self._pins = self._pinned.address_for(RowArrays)
+        self._spread = machine_code(spread, int, int, int, int, int)
 
     def tangent(self) -> Tangent:
         """The Tangent of the rows, its poses those of the most links, in units of the length of these."""
-        tangent, places = self.buffer.tangent(len(self.lanes)), self._task.pictured_places[self.n_links]
+        tangent, places = self.buffer.tangent(len(self.designs)), self._task.pictured_places[self.n_links]
         is_place = np.array([not name.endswith("angle") for name in self.own.pictured], bool)
         lengths = np.array([design.mechanism.length for design in self.designs])
         scales = np.where(is_place, self._task.length / lengths[:, None], 1.0)
@@ -139,26 +163,28 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         self.readings = np.zeros((capacity, task.columns))
         self.designs: list[DrawnDesign | None] = [None] * capacity
         self._sizes: dict[int, _Size] = {}
-        entries, truths = len(task.entries()), len(task.privileged_entries())
-        self._rows, self._row_readings = np.zeros((capacity, entries), np.float32), np.zeros(self.readings.shape)
-        self._units = np.zeros((3, capacity, entries), np.float32)
-        self._truth_units = np.zeros((3, capacity, truths))
-        self._lengths_differ = False  # from those of the plain chains
-        self._clipped = entries - len(description_entries(task.mechanism.n_links, task.action_size))
-        self._bounds = [bound[: self._clipped].astype(np.float32) for bound in task.observation_bounds()]
-        self._arrange()
+        bounds, truth_bounds = (np.array(pair) for pair in (task.observation_bounds(), task.privileged_bounds()))
+        self._every = Lanes(
+            np.zeros((capacity, UNIT_ROWS, bounds.shape[1]), np.float32),
+            bounds.astype(np.float32),
+            np.zeros((capacity, UNIT_ROWS, truth_bounds.shape[1])),
+            truth_bounds,
+            self.readings,
+        )
 
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
         """One step of all lanes with the accepted actions; fresh observations, (B, entries)."""
-        for size, rows in self._running:
-            size.step(self._actions, self._rows[rows])
-        return self._together()
+        observations = self._room()
+        for size in self._running:
+            size.step(self._actions, observations)
+        return observations
 
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""
-        for size, rows in self._running:
-            size.observe(self._rows[rows])
-        return self._together()
+        observations = self._room()
+        for size in self._running:
+            size.observe(observations)
+        return observations
 
     def restart(self, rows: Rows, rngs: Random, fixed: ManyOptions | None = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, each with a design of its own: info["sampled"], and their observations."""
@@ -167,32 +193,25 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         begins[rows] = True
         for size in self._sizes.values():
             size.leave(~begins[size.lanes])
+        self._describe(rows, designs)
         sampled: dict[str, Any] = {}
-        begun: list[tuple[_Size, Observation]] = []
+        observations = self._room()
         for n, places in by_links(designs).items():
             those = rngs.of(places) if isinstance(rngs, Generators) else [rngs[place] for place in places]
-            chosen = [designs[place] for place in places]
-            size = self._size(n)
-            part, vectors = size.join(rows[places], chosen, those, self.task.options_for(n, fixed))
-            begun.append((size, vectors))
+            chosen, options = [designs[place] for place in places], self.task.options_for(n, fixed)
+            part = self._size(n).join(rows[places], chosen, those, options, observations)
             for name, values in part.items():
                 room = sampled.setdefault(name, np.empty((len(rows), *values.shape[1:]), values.dtype))
                 room[places] = values
-        self._describe(rows, designs)
         sampled["design"] = np.array([design.number for design in designs], np.int64)
         sampled["n_links"] = np.array([design.n_links for design in designs], np.int64)
         self._actions[rows] = 0.0
-        self._arrange()
-        last = {id(size): among.stop for size, among in self._running}
-        for size, vectors in begun:
-            stop = last[id(size)]
-            size.spread(vectors, self._rows[stop - len(vectors) : stop])
-        return sampled, self._together()[rows]
+        return sampled, observations[rows]
 
     def tangent(self) -> Tangent:
         """The state of all lanes and how it answers the tendons' commands."""
         whole: list[Any] = []
-        for size, _ in self._running:
+        for size in self._running:
             for place, values in enumerate(size.tangent()):
                 if place == len(whole):
                     whole.append(np.zeros((self.capacity, *values.shape[1:]), values.dtype))
@@ -203,8 +222,8 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         """Everything that later steps depend on, copied: plain values and arrays."""
         return {
             "designs": np.array([-1 if design is None else design.number for design in self.designs], np.int64),
-            "lanes": {str(size.n_links): size.lanes.copy() for size, _ in self._running},
-            "episodes": {str(size.n_links): size.buffer.get_state() for size, _ in self._running},
+            "lanes": {str(size.n_links): size.lanes.copy() for size in self._running},
+            "episodes": {str(size.n_links): size.buffer.get_state() for size in self._running},
         }
 
     def set_state(self, state: Any) -> None:
@@ -244,53 +263,30 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             own = [DrawnDesign(int(numbers[lane]), mechanisms[row]) for lane, row in zip(lanes[n], rows, strict=True)]
             size.place(own, lanes[n])
             self._describe(size.lanes, own)
-        self._arrange()
         self.observe()
 
-    def _arrange(self) -> None:
-        """Note which sizes have lanes, their rows among all rows, and where the row of each lane is."""
-        self._running: list[tuple[_Size, slice]] = []
-        self._row_of, first = np.zeros(self.capacity, np.int64), 0
-        for size in self._sizes.values():
-            if count := len(size.lanes):
-                self._running.append((size, slice(first, first + count)))
-                self._row_of[size.lanes] = np.arange(first, first + count)
-                first += count
-        self._rows[self._row_of] = self._units[0]
-        self._lengths_differ = bool((self._units[2] != 1.0).any())
+    @property
+    def _running(self) -> list[_Size]:
+        """The numbers of links that lanes have."""
+        return [size for size in self._sizes.values() if size.designs]
+
+    def _room(self) -> Observation:
+        """Room for the observations of all lanes."""
+        return np.empty((self.capacity, self._every.units.shape[2]), np.float32)
 
     def _size(self, n_links: int) -> _Size:
         if n_links not in self._sizes:
-            self._sizes[n_links] = _Size(self.task, n_links, self.capacity)
+            self._sizes[n_links] = _Size(self.task, n_links, self._every)
         return self._sizes[n_links]
 
     def _describe(self, lanes: Rows, designs: Sequence[DrawnDesign]) -> None:
         """Note the designs of lanes, and their units."""
-        own = [self.task.own_units(design) for design in designs]
-        self._units[:, lanes] = np.stack([units.entries for units in own], axis=1)
+        own, every = [self.task.own_units(design) for design in designs], self._every
+        every.units[lanes] = [units.entries for units in own]
         if self.task.tells_truth:
-            self._truth_units[:, lanes] = np.stack([units.truths for units in own], axis=1)
+            every.truth_units[lanes] = [units.truths for units in own]
         for lane, design in zip(lanes.tolist(), designs, strict=True):
             self.designs[lane] = design
-
-    def _together(self) -> Observation:
-        """Observations of all lanes, (B, entries), from those by number of links; fills the readings, too."""
-        observations, (_, shifts, factors) = self._rows.take(self._row_of, axis=0), self._units
-        if self._lengths_differ:
-            observations -= shifts
-            observations *= factors
-        else:
-            observations[:, self.task.commands] -= shifts[:, self.task.commands]
-        clipped, (low, high) = observations[:, : self._clipped], self._bounds
-        np.maximum(clipped, low, out=clipped)
-        np.minimum(clipped, high, out=clipped)
-        for size, rows in self._running:
-            size.readings(self._row_readings[rows])
-        np.take(self._row_readings, self._row_of, axis=0, out=self.readings)
-        if self.task.tells_truth:
-            truths, (_, shift, factor) = self.readings[:, self.task.plain_columns :], self._truth_units
-            truths[:] = ((truths - shift) * factor).clip(*self.task.privileged_bounds())
-        return observations
 
     def _allowed(self, shape: tuple[int, ...]) -> str:
         if len(shape) == 1:
@@ -298,11 +294,9 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         return f"finite numbers in [-1, 1] of shape {shape}"
 
 
-def _slices(places: NDArray[np.intp]) -> list[tuple[slice, slice]]:
-    """Ascending places as pairs of slices: where numbers go, and which of them."""
-    cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
-    return [
-        (slice(int(places[first]), int(places[last - 1]) + 1), slice(first, last))
-        for first, last in itertools.pairwise(cuts)
-        if last > first
-    ]
+def runs_of(places: NDArray[np.intp], entries: int) -> NDArray[np.int64]:
+    """Where ascending places, and the others, are among a number of entries, in runs (runs, RUN_COLUMNS)."""
+    here = np.full(entries, ABSENT)
+    here[places] = np.arange(len(places))
+    first = np.flatnonzero(np.diff(here, prepend=2 * ABSENT) != (here != ABSENT))
+    return np.stack([first, here[first], np.diff(first, append=entries)], axis=1)

@@ -139,12 +139,6 @@ class ManyMechanismsTask(PlanarTask):
         return self.config.privileged != "off"
 
     @cached_property
-    def commands(self) -> slice:
-        """Where the commands are among the observation's entries."""
-        first = [entry.name for entry in self.entries()].index("tendon 0 command")
-        return slice(first, first + self.action_size)
-
-    @cached_property
     def places(self) -> dict[int, Places]:
         """For every number of links, where the entries of its task are among the observation's."""
         return {n: _places(task.entries(), self.entries()) for n, task in self.sizes.items()}
@@ -174,6 +168,7 @@ class ManyMechanismsTask(PlanarTask):
         units[1:, self.places[design.n_links]] = task.own_units(task.entries(), design.mechanism)
         own = task.own_units(task.privileged_entries(), design.mechanism)
         truth_units[1:, self.truth_places[design.n_links]] = own
+        truth_units[0] = [min(max(0.0, entry.low), entry.high) for entry in truths]
         return OwnUnits(units.astype(np.float32), truth_units)
 
     def choose(self, rngs: Random, fixed: ManyOptions | None = None) -> list[DrawnDesign]:

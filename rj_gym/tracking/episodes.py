@@ -288,9 +288,10 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     def get_state(self) -> dict[str, Any]:
         """Everything that later steps depend on, copied: plain values and arrays."""
+        mechanisms, designs = self._mechanism_state()
         return {
-            "mechanisms": self._mechanism_state(),
-            "designs": self.solver.designs.copy(),
+            "mechanisms": mechanisms,
+            "designs": designs,
             "arrays": {name: array.copy() for name, array in self._kept().items()},
         }
 
@@ -337,14 +338,18 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         is_series = np.ndim(values) > 1 and np.shape(values)[1] == times
         return np.empty((len(stored), times if is_series else 1, *stored.shape[2:]))
 
-    def _mechanism_state(self) -> Any:
-        """The mechanisms in plain values: None for the nominal one."""
-        mechanisms = self.solver.mechanisms
+    def _mechanism_state(self) -> tuple[Any, NDArray[np.int64]]:
+        """The mechanisms that lanes have in plain values, None for the nominal one, and which of them each has."""
+        mechanisms, designs = self.solver.mechanisms, self.solver.designs.copy()
         if isinstance(mechanisms, Variations):
-            return mechanisms.get_state()
+            return mechanisms.get_state(), designs
         if len(mechanisms) == 1 and mechanisms[0] is self.task.mechanism:
-            return None
-        return [mechanism_to_dict(mechanism) | {"name": mechanism.name} for mechanism in mechanisms]
+            return None, designs
+        used, designs = np.unique(
+            designs, return_inverse=True
+        )  # others are known, and may be more than there are lanes
+        own = [mechanisms[design] for design in used.tolist()]
+        return [mechanism_to_dict(mechanism) | {"name": mechanism.name} for mechanism in own], designs
 
     def _mechanisms_in(self, state: Any) -> Any:
         """The mechanisms that `_mechanism_state` has described; raises InvalidInput for others."""

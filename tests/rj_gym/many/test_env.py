@@ -7,6 +7,8 @@ from gymnasium.utils import seeding
 from gymnasium.utils.env_checker import check_env
 
 import rj_gym
+from rj_gym.many.episodes import runs_of
+from rj_gym.many.kernels import ABSENT
 from rollingjoint import five_link
 from rollingjoint.design import DesignSpace
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
@@ -110,6 +112,40 @@ def test_a_state_continues_elsewhere_to_the_last_bit():
         a, b = first.step(action), second.step(action)
         assert np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
     assert [d.number for d in first.unwrapped.designs] == [d.number for d in second.unwrapped.designs]
+
+
+def test_a_state_continues_where_more_mechanisms_are_known_than_there_are_lanes():
+    first, second = (lanes(1, mechanisms={"links": (4, 4), "designs": (0, 5)}).unwrapped for _ in range(2))
+    for design in range(5):
+        first.reset(seed=design, options={"design": design})
+    second.set_state(first.get_state())
+    assert second.designs[0].number == 4
+    action = np.float32([[0.3, -0.8]])
+    assert np.array_equal(first.step(action)[0], second.step(action)[0])
+
+
+def test_links_that_are_not_there_have_no_privileged_state():
+    envs = lanes(3, mechanisms=FEW, privileged="info", episode_steps=2)
+    task, seen = envs.unwrapped.task, set()
+    _, infos = envs.reset(seed=0)
+    for _ in range(40):
+        for lane, design in enumerate(envs.unwrapped.designs):
+            absent = np.delete(infos["privileged"][lane], task.truth_places[design.n_links])
+            assert not absent.any()
+            seen.add((lane, design.n_links))
+        infos = envs.step(np.zeros((3, 2), np.float32))[4]
+    assert len(seen) > 5  # lanes have had mechanisms of several sizes
+
+
+def test_every_entry_is_in_one_run():
+    assert runs_of(np.array([0, 1, 4, 5, 7]), 9).tolist() == [
+        [0, 0, 2],
+        [2, ABSENT, 2],
+        [4, 2, 2],
+        [6, ABSENT, 1],
+        [7, 4, 1],
+        [8, ABSENT, 1],
+    ]
 
 
 def test_a_state_that_does_not_fit_changes_nothing():
