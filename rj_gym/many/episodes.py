@@ -12,7 +12,7 @@ from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Generators, Random
 from rj_gym.many.designs import DrawnDesign
-from rj_gym.many.kernels import ABSENT, RUN_COLUMNS, UNIT_ROWS, Lanes, RowArrays, spread
+from rj_gym.many.kernels import ABSENT, RUN_COLUMNS, UNIT_ROWS, LaneArrays, RowArrays, spread
 from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
@@ -59,7 +59,7 @@ class _Size:
         designs: of the rows.
     """
 
-    def __init__(self, task: ManyMechanismsTask, n_links: int, every: Lanes) -> None:
+    def __init__(self, task: ManyMechanismsTask, n_links: int, every: LaneArrays) -> None:
         self._task, self.own, self.n_links, capacity = task, task.sizes[n_links], n_links, len(every.readings)
         self.buffer = TrackingEpisodeBuffer(self.own, capacity)
         self._spare: TrackingEpisodeBuffer | None = None
@@ -164,7 +164,7 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         self.designs: list[DrawnDesign | None] = [None] * capacity
         self._sizes: dict[int, _Size] = {}
         bounds, truth_bounds = (np.array(pair) for pair in (task.observation_bounds(), task.privileged_bounds()))
-        self._every = Lanes(
+        self._every = LaneArrays(
             np.zeros((capacity, UNIT_ROWS, bounds.shape[1]), np.float32),
             bounds.astype(np.float32),
             np.zeros((capacity, UNIT_ROWS, truth_bounds.shape[1])),

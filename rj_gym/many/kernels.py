@@ -19,7 +19,7 @@ THERE, HERE, COUNT, RUN_COLUMNS = range(4)
 ABSENT = -2  # not one before 0
 
 
-class Lanes(NamedTuple):
+class LaneArrays(NamedTuple):
     """Arrays of all lanes: units and bounds of observations and of the privileged state, and readings."""
 
     units: Annotated[Singles, "B", 3, "entries"]  # UNIT_ROWS
@@ -32,7 +32,7 @@ class Lanes(NamedTuple):
 class RowArrays(NamedTuple):
     """Rows with the same number of links: their lanes, where their entries go, and their readings."""
 
-    all: Lanes
+    all: LaneArrays
     lanes: Annotated[Integers, "B"]
     runs: Annotated[Integers, "runs", 3]  # RUN_COLUMNS
     truth_runs: Annotated[Integers, "runs of the privileged state", 3]
