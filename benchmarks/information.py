@@ -16,6 +16,11 @@ large. Episodes whose tips this model does not find again from the motors' posit
 An arm has more hidden numbers: gravity, payload, offsets, stiffnesses, play, sheath friction and places in the play of
 all tendons, friction in the holes of the beads, and stiffness and weight of every bead. Their derivatives are exact,
 and a motor that gives way tells that its tension is at the limit.
+
+Chains with the motors of a rig (version 1), and those whose load wanders, are followed by the smoother's exact
+derivatives, which take displaced surfaces linearly about the nominal ones. Load cells err there, pictures count at the
+step that they were taken in, and every step has a force of its own. What is read after the last action is left out:
+the load moves on in the last step, and no controller can know where to.
 """
 
 from __future__ import annotations
@@ -29,7 +34,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from agents.controllers.arm_smoother import arm_law, arm_ranges
-from agents.controllers.controller import Controller
+from agents.controllers.controller import Controller, Reading
+from agents.controllers.smoother import SmootherFeedbackSettings, SmootherSettings, smoother_of
 from agents.controllers.tuned import tuned_controllers
 from agents.policies.loading import shipped_policies
 from agents.runs.environment import EnvConfig, make_vector_env
@@ -37,7 +43,9 @@ from agents.shipped import load_policy
 from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.variations import ChainVariations
-from rollingjoint.estimate import ArmPrior, ArmRows, FollowedArm, MotorHistory
+from rollingjoint.estimate import ArmPrior, ArmRows, FollowedArm, HiddenPrior, MotorHistory
+from rollingjoint.estimate.arm_rows import tip_covariance
+from rollingjoint.estimate.arrays import Track
 from rollingjoint.load import load_table
 from rollingjoint.tables import markdown_table
 from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
@@ -47,12 +55,22 @@ Array = NDArray[np.float64]
 POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
 ARM_DRIVERS = "probing filter", "smoother"
 ARMS = {"ArmInstrument": "rj_gym/ArmInstrument-v0", "ArmInstrument-v1": "rj_gym/ArmInstrument-v1"}
+CHAINS = {
+    "Instrument-v1": "rj_gym/Instrument-v1",
+    "InstrumentShift-v1": "rj_gym/InstrumentShift-v1",
+    "SlowCamera": "rj_gym/SlowCamera-v0",
+    "SlowCamera-v1": "rj_gym/SlowCamera-v1",
+    "LatePose": "rj_gym/LatePose-v0",
+    "LatePose-v1": "rj_gym/LatePose-v1",
+}
 
 FIRST_SEED = 5_500_000  # of episodes that nothing was tuned or chosen on
 ENCODER_SD = 1e-3  # mm: of motor positions, which are measured exactly
 REACH = 1e-3  # standard deviations: of the central differences
 SAME = 1e-6  # mm: by how much the model may miss the environment's tips
 SAME_ARM = 1e-4  # mm: friction has its own tolerance
+SAME_CHAIN = 1.0  # mm: displaced surfaces are taken linearly
+ANY = 1e4  # standard deviations: residuals are of no account, so none is too large
 LIMIT_SD = 0.01  # N: of the tension at which a motor gives way
 YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has given way
 
@@ -120,6 +138,15 @@ class Watched(NamedTuple):
     shifts: Array  # how far motors have given way in a step, (B, T + 1, m) mm
     tips: Array  # (B, T + 1, d) mm
     errors: Array  # of the last step, (B,) mm
+    ages: Array  # of a picture that comes in a step, (B, T + 1) steps; NaN where none does
+
+
+def _picture_age(observation: Any, task: Any) -> Array:
+    """The ages of pictures that come now, (B,) [steps]; NaN where none does."""
+    reading = Reading(observation, task)
+    if reading.sees == "none":
+        return np.full(len(observation), np.nan)
+    return np.where(reading.picture_is_new, reading.picture_age, np.nan)
 
 
 def watch(env: EnvConfig, controller: Controller, episodes: int) -> Watched:
@@ -130,17 +157,18 @@ def watch(env: EnvConfig, controller: Controller, episodes: int) -> Watched:
     drawn, scale, actuation = info["sampled"], envs.task.config.action_scale_mm, envs.task.config.actuation
     most = 0.0 if actuation.limit_at == "motor" else np.inf  # where motors stop, tendons do not move
     controller.begin(envs.task, episodes)
-    tangents = [envs.tangent()]
+    tangents, ages = [envs.tangent()], [_picture_age(observation, envs.task)]
     shifts = [np.zeros_like(tangents[0].motors)]
     for _ in range(envs.task.config.episode_steps):
         actions = np.clip(controller.act(observation), -1.0, 1.0).astype(np.float32)
         observation, _, _, _, info = envs.step(actions)
         tangents.append(envs.tangent())
+        ages.append(_picture_age(observation, envs.task))
         ways = tangents[-1].motors - (tangents[-2].motors - scale * actions)
         shifts.append(np.where(np.abs(ways) > YIELD + 2.0 * actuation.dead_band_mm, np.minimum(ways, most), 0.0))
     envs.close()
     motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
-    return Watched(envs.task, drawn, motors, np.stack(shifts, axis=1), tips, info["error_mm"])
+    return Watched(envs.task, drawn, motors, np.stack(shifts, axis=1), tips, info["error_mm"], np.stack(ages, axis=1))
 
 
 def drive(env: EnvConfig, controller: Controller, episodes: int) -> Driven:
@@ -185,6 +213,63 @@ def arm_estimates(env: EnvConfig, controller: Controller, episodes: int) -> list
     known[2][at.hinges :] = 0.0
     estimates = [[distance(each) for each in rows.tip_covariance(sds)[usable]] for sds in known]
     return [f"{watched.errors[usable].mean():.2f}", *map(interval, estimates), f"{usable.sum()} of {episodes}"]
+
+
+def chain_numbers(watched: Watched, prior: HiddenPrior) -> Array:
+    """The true hidden numbers of chains as a smoother has them, (B, K); a force that wanders as it began."""
+    drawn, at, none = watched.drawn, prior.layout, np.zeros_like(watched.motors[:, 0])
+    play, displaced = drawn.get("play_mm", none), drawn.get("surface_offsets", np.zeros((len(none), 2, 2, 3)))
+    surfaces = np.stack([displaced[:, :-1, 1], displaced[:, 1:, 0]], axis=2).reshape(len(none), -1)
+    return np.hstack([
+        drawn["forces"][:, 0], drawn["actuator_offsets"],
+        drawn["stiffnesses"] / watched.task.mechanism.stiffnesses, 0.5 * play, drawn.get("sheath_friction", none),
+        np.divide(drawn.get("motor_starts", none), play, out=none.copy(), where=play > 0.0),
+        drawn.get("tension_gains", none + 1.0), drawn.get("tension_offsets", none),
+        surfaces[:, : at.total - at.surfaces],
+    ])  # fmt: skip
+
+
+def follow_chain(watched: Watched, last: bool = False, limit_sd: float = LIMIT_SD) -> tuple[HiddenPrior, Track]:
+    """What is known of chains before their episodes, and their true hidden numbers followed along them.
+
+    Args:
+        last: whether what is read in the last step counts. limit_sd: of the tension at which a motor gives way [N];
+            0: that tells nothing.
+    """
+    config, episodes = watched.task.config, len(watched.motors)
+    exact = {"robust": ANY, "start_sd_mm": ENCODER_SD, "limit_sd": limit_sd}
+    settings = SmootherSettings(tension_sd=config.sensing.tension_noise, **exact)
+    smoother = smoother_of(watched.task, SmootherFeedbackSettings(smoother=settings))
+    smoother.reset(np.ones(episodes, bool))
+    steps, pictures = watched.motors.shape[1], np.zeros((episodes, watched.task.mechanism.n_joints, 3))
+    for step in range(steps):
+        counts, ages = step < steps - 1 or last, watched.ages[:, step]
+        tensions = np.full_like(watched.motors[:, step], 0.0 if counts else np.nan)
+        come = np.where(np.isfinite(ages)[:, None, None] & counts, pictures, np.nan)
+        shown = () if config.sensing.pose == "none" else (come, np.nan_to_num(ages).astype(np.int64))
+        smoother.append(watched.motors[:, step], watched.shifts[:, step], tensions, *shown)
+    truth, forces = chain_numbers(watched, smoother.prior), None
+    if config.load.process == "ou":
+        before = int(smoother.history.counts[0]) - steps  # a step that shows the start tension
+        forces = np.concatenate([watched.drawn["forces"][:, :before], watched.drawn["forces"]], axis=1)
+    first = np.zeros(episodes, np.int64)
+    which = np.arange(episodes), watched.drawn["link"].astype(np.int64), first
+    return smoother.prior, smoother.fine.followed(smoother.history, *which, truth, forces)
+
+
+def chain_estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
+    """A row of the table: error of the controller, what can be known before its last action, mean tension at the end."""
+    watched = watch(env, controller, episodes)
+    prior, track = follow_chain(watched)
+    usable = np.linalg.norm(track.tip - watched.tips[:, -1], axis=1) < SAME_CHAIN
+    exact = prior.sds.copy()
+    exact[prior.layout.surfaces :] = 0.0
+    estimates = [
+        [distance(each) for each in tip_covariance(track.information, track.tip_by, sds)[usable]]
+        for sds in (prior.sds, exact)
+    ]
+    tension = f"{track.tensions[usable].mean():.1f}"
+    return [f"{watched.errors[usable].mean():.3f}", *map(interval, estimates), tension, f"{usable.sum()} of {episodes}"]
 
 
 def follow(config: TrackingConfig, hidden: Hidden, motors: Array) -> tuple[Array, Array, Array]:
@@ -258,17 +343,21 @@ def estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str
     return [f"{driven.errors[usable].mean():.3f}", *found, f"{len(usable)} of {episodes}"]
 
 
+def best(env: EnvConfig) -> dict[str, Controller]:
+    """The smoother, and the policies that ship for a world, by name."""
+    policies = {each.name: each for each in shipped_policies() if each.environment.id == env.id}
+    return {"smoother": tuned_controllers(env.id)["smoother"]} | policies
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and controller."""
-    worlds = [*POLICIES, *ARMS]
+    worlds = [*POLICIES, *ARMS, *CHAINS]
     parser = argparse.ArgumentParser(description="How well the tip can be known where nobody sees it.")
     parser.add_argument("--episodes", type=int, default=300)
-    parser.add_argument("--worlds", nargs="+", choices=worlds, default=worlds[:-1])
+    parser.add_argument("--worlds", nargs="+", choices=worlds, default=[*POLICIES, "ArmInstrument"])
     arguments = parser.parse_args(argv)
     rows = []
-    for world in arguments.worlds:
-        if world in ARMS:
-            continue
+    for world in (each for each in arguments.worlds if each in POLICIES):
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
         drivers = {"probing bank": tuned_controllers(env.id)["probing bank"], policy: load_policy(policy, version=0)}
@@ -276,6 +365,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
     if rows:
         print(markdown_table(heads, rows))
+    rows = []
+    for world in (each for each in arguments.worlds if each in CHAINS):
+        env = EnvConfig(CHAINS[world])
+        rows += [[world, name, *chain_estimates(env, each, arguments.episodes)] for name, each in best(env).items()]
+    if rows:
+        print(markdown_table((*heads[:-1], "mean tension [N]", heads[-1]), rows))
     for world in ARMS.keys() & set(arguments.worlds):
         env = EnvConfig(ARMS[world])
         drivers: dict[str, Any] = {name: tuned_controllers(env.id)[name] for name in ARM_DRIVERS}

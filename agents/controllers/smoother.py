@@ -49,6 +49,8 @@ class SmootherSettings(Settings):
         doubt: cost per measurement, over the cost that the noise of the sensors explains, above which the fit is
             searched for anew, with play and sheath friction beyond the ranges of the task, too.
         misfit: cost per measurement above which the fit has failed, and the bank's estimate counts.
+        held_share: of the range that the motors' own limits are drawn from; feedback takes motors to hold that much until
+            they have stopped.
     """
 
     _SECTION: ClassVar[str] = "smoother."
@@ -64,11 +66,13 @@ class SmootherSettings(Settings):
     starts: int = 3
     doubt: float = 1.6
     misfit: float = 1.5
+    held_share: float = 0.5
 
     def __post_init__(self) -> None:
         self._check(as_number, "tension_sd", "robust", "start_sd_mm", "shown_sd", "picture_share", low=1e-4, high=1e4)
         self._check(as_number, "tension_share", "limit_sd", low=0.0, high=1e3)
         self._check(as_number, "misfit", "doubt", low=0.0)
+        self._check(as_number, "held_share", low=0.0, high=1.0)
         self._check(as_integer, "every", "starts", low=1, high=1000)
         self._check(as_integer, "searches", low=0, high=100)
 
@@ -104,8 +108,9 @@ class SmootherFeedback(FilterFeedback):
         tells = actuation.delay == 0 and actuation.rate_limit_mm is None
         self._stop_at_limits = tells and actuation.limit_at == "motor"
         self._ways = (-math.inf, (0.0 if self._stop_at_limits else math.inf)) if tells else (0.0, 0.0)
-        limits = actuation.tension_limit or (config.tension_range[1],) * 2
-        self._held = config.tension_range[0], 0.5 * sum(limits)
+        least, most = actuation.tension_limit or (config.tension_range[1],) * 2
+        share = self.settings.smoother.held_share
+        self._held = config.tension_range[0], (1.0 - share) * least + share * most
         self._readable_mm = _READ_MM + 5.0 * sensing.encoder_noise_mm + sensing.encoder_resolution_mm
         self._readable_mm += 2.0 * actuation.dead_band_mm
         self._observations: deque[Any] = deque(maxlen=config.episode_steps + 1)

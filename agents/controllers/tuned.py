@@ -275,7 +275,9 @@ def _later(env_id: str, first: str) -> Mapping[str, Tunable]:
     """The controllers of a later version: its smoother falls back on the bank with the settings of this version."""
     controllers = dict(_FIRST[first])
     if first in _FALL_BACK:
-        controllers["smoother"] = replace(controllers["smoother"], make=_smoother_in(env_id, _FALL_BACK[first]))
+        smoother = controllers["smoother"]
+        space = smoother.space | {"smoother.held_share": Uniform(0.0, 1.0)}  # limits differ from motor to motor there
+        controllers["smoother"] = replace(smoother, make=_smoother_in(env_id, _FALL_BACK[first]), space=space)
     if "mpc" in controllers:
         controllers["mpc"] = replace(controllers["mpc"], make=_mpc_in(env_id, "smoother"))
     return controllers

@@ -71,6 +71,13 @@ KNOWN_MM: Mapping[str, float] = {
     "rj_gym/Instrument-v0": 0.47,
     "rj_gym/InstrumentShift-v0": 0.16,
     "rj_gym/ArmInstrument-v0": 1.26,
+    "rj_gym/SlowCamera-v0": 0.39,
+    "rj_gym/LatePose-v0": 0.67,
+    "rj_gym/Instrument-v1": 0.54,
+    "rj_gym/InstrumentShift-v1": 0.13,
+    "rj_gym/SlowCamera-v1": 0.39,
+    "rj_gym/LatePose-v1": 0.71,
+    "rj_gym/ArmInstrument-v1": 4.65,
 }
 """What can be known of the tip, by id [mm]: the least of benchmarks/information.py."""
 

@@ -2,8 +2,8 @@
 
 With --file configs/env/NAME.yaml in the environment with these settings.
 
-The first half of the tries are random settings, the others near the best so far; all drive the same episodes of the
-tuning seeds. The best few drive the episodes of the validation seeds, and the best of these is stored in the file,
+The first half of the tries are random settings, the others near the best so far; with --near the first is what the file
+has, and all others lie near the best so far. All drive the same episodes of the tuning seeds. The best few drive the episodes of the validation seeds, and the best of these is stored in the file,
 with its scores and the number of tries. Scores are the mean tip error over the last 10 steps of an episode [mm].
 """
 
@@ -49,7 +49,15 @@ class Tuned:
         return {"tries": self.tries, "episodes": self.episodes, **scores, "settings": self.settings}
 
 
-def tune(env: EnvConfig, controller: Tunable, tries: int, episodes: int, seed: int = 0, say: Any = None) -> Tuned:
+def tune(
+    env: EnvConfig,
+    controller: Tunable,
+    tries: int,
+    episodes: int,
+    seed: int = 0,
+    say: Any = None,
+    near: Settings | None = None,
+) -> Tuned:
     """Search settings of a controller in a world.
 
     Args:
@@ -59,10 +67,13 @@ def tune(env: EnvConfig, controller: Tunable, tries: int, episodes: int, seed: i
         episodes: number of seeds, of tuning and of validation.
         seed: of the search.
         say: called with the score [mm] and the settings of every try, if given.
+        near: the first try, with all others near the best so far; None: the first half of the tries are random.
     """
     rng, results = np.random.default_rng(seed), list[tuple[float, Settings]]()
     for number in range(tries):
-        if number < (tries + 1) // 2:
+        if near is not None and number == 0:
+            settings = with_settings(drawn_settings(controller.space, rng), near)  # complete where the space has grown
+        elif near is None and number < (tries + 1) // 2:
             settings = drawn_settings(controller.space, rng)
         else:
             parents = _best(results, _PARENTS)
@@ -110,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--episodes", type=int, default=250, help="of tuning, and of validation, 250")
     parser.add_argument("--seed", type=int, default=0, help="of the search, 0")
+    parser.add_argument("--near", action="store_true", help="begin with what is kept, and search near it")
     parser.add_argument("--output", type=Path, default=TUNED, help="the file that is changed")
     return exit_code(lambda: _command(parser.parse_args(argv)))
 
@@ -125,12 +137,13 @@ def _command(arguments: argparse.Namespace) -> int:
     for name in arguments.controller or tunable:
         content: Any = read_yaml(arguments.output) if arguments.output.is_file() else {}
         stored = content.setdefault(world, {})
-        if tries > 0:
-            result = tune(env, tunable[name], tries, episodes, arguments.seed, _say)
-        elif name in stored:
-            result = scored_again(env, tunable[name], stored[name], episodes)
-        else:
+        if name not in stored and (tries == 0 or arguments.near):
             raise ConfigError("--controller", name, f"one of {list(stored)}", "It has not been tuned.")
+        if tries > 0:
+            near = stored[name]["settings"] if arguments.near else None
+            result = tune(env, tunable[name], tries, episodes, arguments.seed, _say, near)
+        else:
+            result = scored_again(env, tunable[name], stored[name], episodes)
         stored[name] = result.to_dict()
         arguments.output.write_text(dump_yaml(content), encoding="utf-8")
         print(f"{world}, {name}: validation {result.validation_mm:.3f} mm, tuning {result.tuning_mm:.3f} mm")

@@ -75,6 +75,19 @@ class ArmLaw(NamedTuple):
     measured: bool = False
 
 
+def tip_covariance(information: Array, tip_by: Array, sds: Array) -> Array:
+    """Covariance of the tip given all measurements, (R, d, d) [mm²].
+
+    Args:
+        information: of the hidden numbers in units of their standard deviations, lower triangle, (R, K, K).
+        tip_by: (R, d, K). sds: (K,); numbers with a standard deviation of 0 are taken as known.
+    """
+    lower, unknown = np.tril(information), np.flatnonzero(sds)
+    whole = (lower + np.swapaxes(np.tril(lower, -1), 1, 2))[:, unknown[:, None], unknown]
+    by = (tip_by * sds)[:, :, unknown]
+    return np.asarray(by @ np.linalg.solve(whole, np.swapaxes(by, 1, 2)))
+
+
 @dataclass
 class ArmRows:
     """Rows of hidden numbers, how far they have been followed, and the normal equations of the measurements.
@@ -112,14 +125,8 @@ class ArmRows:
     tensions_by: Array
 
     def tip_covariance(self, sds: Array) -> Array:
-        """Covariance of the tip given all measurements, (R, 3, 3) [mm²]; sds: of the hidden numbers, (K,).
-
-        Numbers with a standard deviation of 0 are taken as known.
-        """
-        lower, unknown = np.tril(self.information), np.flatnonzero(sds)
-        whole = (lower + np.swapaxes(np.tril(lower, -1), 1, 2))[:, unknown[:, None], unknown]
-        tip_by = (self.tip_by * sds)[:, :, unknown]
-        return np.asarray(tip_by @ np.linalg.solve(whole, np.swapaxes(tip_by, 1, 2)))
+        """Covariance of the tip given all measurements, (R, 3, 3) [mm²]: see tip_covariance."""
+        return tip_covariance(self.information, self.tip_by, sds)
 
     @classmethod
     def of(cls, episodes: Integers, numbers: Array, n_joints: int, m: int) -> ArmRows:

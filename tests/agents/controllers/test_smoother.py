@@ -9,7 +9,8 @@ import pytest
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
 from agents.controllers.residual import base_controller
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
-from agents.controllers.tuned import tuned_controllers, tuned_settings
+from agents.controllers.steps import tensions_within_margin
+from agents.controllers.tuned import tunable_in, tuned_controllers, tuned_settings
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -153,7 +154,19 @@ def test_where_it_does_not_drive_its_worlds_are_named():
         base_controller("smoother", "rj_gym/RollingJoint-v0")
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_until_motors_have_stopped_they_are_taken_to_hold_a_share_of_what_can_be_drawn(share):
+    controller = smoother(CAMERA, held_share=share)
+    driven(controller, 1, CAMERA)
+    expected = tensions_within_margin((0.5, 10.0 + 20.0 * share))
+    np.testing.assert_allclose(controller.limits[1], expected[1])
+    assert "smoother.held_share" in tunable_in(CAMERA)["smoother"].space
+    assert "smoother.held_share" not in tunable_in(INSTRUMENT)["smoother"].space
+
+
 def test_settings_out_of_range_are_refused():
+    with pytest.raises(ConfigError, match="held_share"):
+        SmootherFeedbackSettings.from_dict({"smoother": {"held_share": 1.5}})
     with pytest.raises(ConfigError, match="tension_sd"):
         SmootherFeedbackSettings.from_dict({"smoother": {"tension_sd": -1.0}})
     assert tuned_settings(INSTRUMENT, "smoother")["smoother"]

@@ -1,5 +1,6 @@
 """Controllers on filters, and the other opponents of learning: what each is for, and its tuned settings."""
 
+import ast
 import pickle
 from functools import cache, partial
 from pathlib import Path
@@ -273,6 +274,21 @@ def test_tuning_keeps_the_best_of_its_tries_in_the_file(tmp_path, capsys):
     assert again == pytest.approx(kept["validation_mm"], abs=1e-4)
     assert tune.main([*command, "--output", str(file), "--seed", "1"]) == 0
     assert list(read_yaml(file)) == [CAMERA]
+
+
+def test_a_search_near_what_is_kept_begins_there_and_draws_what_the_space_has_gained(tmp_path, capsys):
+    file, command = tmp_path / "tuned.yaml", ["--world", CAMERA, "--controller", "jacobian feedback", "--episodes", "2"]
+    command += ["--tries", "3", "--near", "--output", str(file)]
+    assert tune.main(command) == 2
+    assert "It has not been tuned" in capsys.readouterr().err
+    kept = {"gain": 0.3, "stiffen": 0.1, "damping": 0.2}
+    file.write_text(dump_yaml({CAMERA: {"jacobian feedback": {"tries": 1, "episodes": 2, "settings": kept}}}))
+    assert tune.main(command) == 0
+    first, *others = [
+        ast.literal_eval(line.split("mm")[1].strip()) for line in capsys.readouterr().out.splitlines()[:3]
+    ]
+    assert {name: first[name] for name in kept} == kept and first.keys() == kept.keys() | {"far"}
+    assert all(any(other[name] == first[name] for name in first) for other in others)
 
 
 def test_worlds_and_opponents_that_do_not_exist_are_refused(capsys):
