@@ -258,7 +258,7 @@ def follow_chain(watched: Watched, last: bool = False, limit_sd: float = LIMIT_S
 
 
 def chain_estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
-    """A row of the table: error of the controller, what can be known before its last action, mean tension at the end."""
+    """A row of the table: error of the controller, what can be known before its last action, last mean tension."""
     watched = watch(env, controller, episodes)
     prior, track = follow_chain(watched)
     usable = np.linalg.norm(track.tip - watched.tips[:, -1], axis=1) < SAME_CHAIN

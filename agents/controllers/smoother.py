@@ -49,8 +49,8 @@ class SmootherSettings(Settings):
         doubt: cost per measurement, over the cost that the noise of the sensors explains, above which the fit is
             searched for anew, with play and sheath friction beyond the ranges of the task, too.
         misfit: cost per measurement above which the fit has failed, and the bank's estimate counts.
-        held_share: of the range that the motors' own limits are drawn from; feedback takes motors to hold that much until
-            they have stopped.
+        held_share: of the range that the motors' own limits are drawn from: the tension that feedback takes motors to
+            hold until they have stopped.
     """
 
     _SECTION: ClassVar[str] = "smoother."

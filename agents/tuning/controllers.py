@@ -3,8 +3,9 @@
 With --file configs/env/NAME.yaml in the environment with these settings.
 
 The first half of the tries are random settings, the others near the best so far; with --near the first is what the file
-has, and all others lie near the best so far. All drive the same episodes of the tuning seeds. The best few drive the episodes of the validation seeds, and the best of these is stored in the file,
-with its scores and the number of tries. Scores are the mean tip error over the last 10 steps of an episode [mm].
+has, and all others lie near the best so far. All drive the same episodes of the tuning seeds. The best few drive the
+episodes of the validation seeds, and the best of these is stored in the file, with its scores and the number of tries.
+Scores are the mean tip error over the last 10 steps of an episode [mm].
 """
 
 from __future__ import annotations
