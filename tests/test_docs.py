@@ -31,6 +31,7 @@ PACKAGES = sorted(
 LISTING = [package for package in PACKAGES if package != ROOT / "agents"]  # whose parts docs/architecture.md lists
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", RUN_HERE)
 def test_blocks_of_a_page_run_in_order_and_print_the_text_below_them(page, workplace, capsys):
     names = {}

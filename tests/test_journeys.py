@@ -24,6 +24,7 @@ def journeys(run_python):
     return counted
 
 
+@pytest.mark.slow
 def test_the_way_from_lengths_to_the_formula_has_its_known_files(journeys):
     python, compiled = journeys("lengths")["lengths"].values()
     assert "solve_lengths" in python["rollingjoint/statics/solve.py"]
@@ -37,6 +38,7 @@ def test_the_way_from_lengths_to_the_formula_has_its_known_files(journeys):
     assert len(files) > 8 and all(file.startswith("rollingjoint/") for file in files)
 
 
+@pytest.mark.slow
 def test_a_step_enters_the_solver_by_its_address(journeys):
     python, compiled = journeys("step")["step"].values()
     assert "TaskEnv.step" in python["rj_gym/core/env.py"]

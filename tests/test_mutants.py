@@ -48,6 +48,7 @@ def test_bodies_of_functions_are_broken_and_nothing_else_is():
     assert {(site.kind, site.mutant) for site in sites_of("area.py", SOURCE)} == BROKEN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subject", ["physics", "spatial", "environments"])
 def test_every_mutant_of_a_draw_is_another_program_and_one_change(subject):
     import mutants

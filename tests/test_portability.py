@@ -48,6 +48,7 @@ def unconditional(tree: ast.Module) -> Iterator[ast.stmt]:
             yield from (node for node in ast.walk(statement) if isinstance(node, ast.stmt))
 
 
+@pytest.mark.slow
 def test_no_module_imports_what_only_some_systems_have():
     found = set()
     for name, tree in modules().items():
@@ -60,6 +61,7 @@ def test_no_module_imports_what_only_some_systems_have():
     assert {one for one in found if one[1] in ONLY_SOMEWHERE} == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "names"), NOT_ON_WINDOWS.items())
 def test_functions_that_windows_lacks_are_used_where_they_are_there(module, names):
     found = set()
@@ -85,12 +87,14 @@ def names_no_encoding(call: ast.Call) -> bool:
     return called in ("open", "read_text", "write_text") and not (ours or others or "utf-8" in words)
 
 
+@pytest.mark.slow
 def test_text_files_are_read_and_written_in_one_encoding_everywhere():
     for name, tree in modules().items():
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         assert [f"{name}:{one.lineno}" for one in calls if names_no_encoding(one)] == []
 
 
+@pytest.mark.slow
 def test_processes_are_started_by_multiprocessing_alone():
     apart = {"start_new_session", "creationflags", "preexec_fn", "terminate"}
     for name, tree in modules().items():

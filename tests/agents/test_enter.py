@@ -40,6 +40,7 @@ def test_it_compares_with_the_file_that_agents_results_writes():
     assert enter.PUBLISHED == results.OUT / FILE
 
 
+@pytest.mark.slow
 def test_every_command_and_program_of_the_page_runs(workshop, capsys):
     for command in "".join(blocks("bash")).splitlines():
         rj, name, *arguments = shlex.split(command)
@@ -55,6 +56,7 @@ def test_every_command_and_program_of_the_page_runs(workshop, capsys):
         assert capsys.readouterr().out == expected.replace("(1, 1000)", "(1, 12)")
 
 
+@pytest.mark.slow
 def test_a_row_stands_beside_the_shipped_policy_and_the_opponents_in_the_same_episodes(workshop, capsys):
     assert enter.main(["my_controller.py:Careful", "--seeds", "test", "--out", "mine.json"]) == 0
     _, head, _, *rows, entered = capsys.readouterr().out.splitlines()
@@ -186,6 +188,7 @@ def test_every_key_of_a_results_file_is_on_the_page(workshop):
     assert [name for name in sorted(own - {"test"}) if f"`{name}`" not in TEXT] == []
 
 
+@pytest.mark.slow
 def test_entering_and_reading_results_need_no_learning_library(run_python):
     program = """
 import sys, agents.enter, agents.results.entry, agents.results.page

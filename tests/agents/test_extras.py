@@ -44,6 +44,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden, arguments, extra", CASES, ids=lambda value: str(value)[:40])
 def test_a_missing_package_is_one_line_with_its_extra(hidden, arguments, extra, tmp_path):
     command = [each.format(tmp_path / "run") for each in arguments]
@@ -56,6 +57,7 @@ def test_a_missing_package_is_one_line_with_its_extra(hidden, arguments, extra, 
         assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_the_viewer_opens_without_the_room_of_designs_where_their_packages_are_missing():
     hide, _, _ = HIDE.partition("sys.argv = sys.argv[2:]")
     program = f"{hide}from agents.view import rooms\nprint(*rooms())"

@@ -81,6 +81,7 @@ def forget():
     gymnasium.registry.pop("reader/Hold-v0")
 
 
+@pytest.mark.slow
 def test_a_run_is_resumed_to_the_last_bit_evaluated_and_loaded(module, no_pictures, capsys):
     assert train.main([*TRAIN, "--run-dir", "half"]) == 0
     assert f"Next: rj evaluate half --import {MODULE}" in capsys.readouterr().out

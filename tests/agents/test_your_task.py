@@ -36,6 +36,7 @@ def test_a_task_of_ones_own_is_trained_and_evaluated_by_the_commands_of_the_page
     assert "policy" in printed and Path("swing", "evaluation", "report.md").exists()
 
 
+@pytest.mark.slow
 def test_without_import_the_module_of_the_task_is_refused(run_python, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my_task.py").write_text("raise SystemExit('it has run')", "utf-8")

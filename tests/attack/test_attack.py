@@ -239,6 +239,7 @@ def test_an_equilibrium_that_only_the_second_solver_finds_is_a_failure(report):
     assert len(report.failures) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanism", [five_link(), small_arm(), pitch_yaw(5)], ids=lambda chain: chain.name)
 @pytest.mark.parametrize("given", ["tensions", "lengths"])
 def test_the_second_solver_ends_where_the_solver_does(mechanism, given):
@@ -285,6 +286,7 @@ def in_contact():
     raise AssertionError("no walls are touched")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("field", "change"), [("poses", 1e-3), ("tensions", 1e-3), ("joint_angles", 1e-4)])
 def test_numbers_that_are_wrong_are_noticed_among_walls(field, change):
     case, result = in_contact()
@@ -293,6 +295,7 @@ def test_numbers_that_are_wrong_are_noticed_among_walls(field, change):
     assert case.faults(wrong, np.zeros(walls.ROWS, bool))[0]
 
 
+@pytest.mark.slow
 def test_wall_forces_and_friction_that_are_wrong_are_noticed():
     case, result = in_contact()
     more = replace(result.walls, forces=result.walls.forces * 1.001)
@@ -301,6 +304,7 @@ def test_wall_forces_and_friction_that_are_wrong_are_noticed():
     assert "friction cones" in case.faults(replace(result, walls=slipping), np.zeros(walls.ROWS, bool))[0]
 
 
+@pytest.mark.slow
 def test_a_round_among_walls_finds_nothing(report):
     for number in range(3):
         report.run(walls.attack, number)

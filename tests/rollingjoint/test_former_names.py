@@ -88,12 +88,14 @@ def test_new_pickles_name_the_modules_of_today(old):
 FORMER = ("rollingjoint.mechanism", "rollingjoint.planar.chain", "rollingjoint.spatial.chain", "rollingjoint.solution")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", FORMER)
 def test_a_former_module_is_found_by_a_program_that_has_imported_nothing(module, run_python):
     assert importlib.import_module(module).__name__.startswith("rollingjoint.chain.")
     run_python("-c", f"import {module}")
 
 
+@pytest.mark.slow
 def test_pickles_load_in_a_program_that_has_imported_nothing(run_python):
     code = f"import gzip, pickle; print(*pickle.loads(gzip.decompress(open({str(PICKLES)!r}, 'rb').read())))"
     assert run_python("-c", code).split() == list(KINDS)

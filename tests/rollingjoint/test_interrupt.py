@@ -165,6 +165,7 @@ print(len(solve_tensions_batch(two_segment(), tensions).status))
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_lapack_is_imported_is_no_fatal_error(run_python):
     assert run_python("-c", WHILE_LAPACK_IS_IMPORTED) == "interrupted\n300\n"
 

@@ -109,6 +109,7 @@ def test_further_presses_do_not_disturb_the_end(capsys):
     assert capsys.readouterr().err == "interrupted\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "program", [IN_A_DELETION, IN_AN_EXEC, AFTERWARDS, "press = signal.raise_signal(signal.SIGINT)"]
 )
@@ -116,6 +117,7 @@ def test_ctrl_c_is_neither_lost_in_callbacks_nor_outside_the_command(program):
     assert ended(RJ + program) == (130, "interrupted\n")
 
 
+@pytest.mark.slow
 def test_objects_whose_making_was_interrupted_are_deleted_in_silence():
     assert ended(RJ + HALF_MADE) == (130, "interrupted\n")
 

@@ -241,6 +241,7 @@ def test_ctrl_c_at_any_instruction_leaves_no_thread_at_work_and_the_next_call_wo
     assert moment > 100
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork on Windows")
 def test_a_forked_process_solves_on_threads_of_its_own(tmp_path):
     program = tmp_path / "forked.py"

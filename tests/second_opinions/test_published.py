@@ -86,6 +86,7 @@ def random_case(seed):
     return mechanism, tensions, loads[: int(rng.integers(0, 5))]
 
 
+@pytest.mark.slow
 def test_tension_recursion_equals_the_compiled_solver_on_random_cases():
     compared = 0
     for seed in range(60):

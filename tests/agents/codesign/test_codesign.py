@@ -152,6 +152,7 @@ def test_rank_correlation_is_that_of_scipy():
     assert np.isnan(spearman(np.ones(4), np.arange(4.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_shipped_files_can_be_built(file, tmp_path):
     study = Study(tmp_path, load_codesign(file))

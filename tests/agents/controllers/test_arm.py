@@ -49,6 +49,7 @@ def test_open_loop_reaches_the_target_where_the_arm_hangs_upright_without_payloa
     assert np.median(final_errors(OpenLoop(), SEEDS[:10])) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: the largest regret is 0.007 mm; docs/results.md has 1,000 episodes."""
@@ -57,6 +58,7 @@ def test_feedback_ends_near_the_floor(controller):
     assert regret.max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_works_on_the_goal_environment_with_orientations_and_without_observed_tensions(controller):
     settings = {"orientation": True, "observe_tensions": False}
@@ -70,6 +72,7 @@ def test_feedback_works_on_another_arm_with_a_payload_that_changes(controller):
     assert np.median(final_errors(controller(), SEEDS[:20], mechanism="small_arm", load=load)) < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_survives_noise_and_an_arm_that_differs_from_its_model(controller):
     spreads = {"stiffness_spread": 0.2, "hinge_stiffness_spread": 0.1, "weight_spread": 0.1}

@@ -44,6 +44,7 @@ def smoother(**changes: Any) -> SmootherFeedback:
     return SmootherFeedback(replace(settings, smoother=replace(settings.smoother, **changes)))
 
 
+@pytest.mark.slow
 def test_full_information_comes_much_nearer_than_a_filter() -> None:
     """Means of 8 episodes; measured in 1,000: half the error."""
     filtered = run_episodes(ARM, tuned_controllers(ARM.id)["probing filter"], SEEDS).last_errors.mean()
@@ -61,6 +62,7 @@ def test_it_drives_motors_with_their_own_limits_and_cells_that_err() -> None:
     assert errors[0] < 0.95 * errors[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["motor", "tendon"])
 def test_limits_at_motors_are_met_with_cells_at_either_place(place: str) -> None:
     settings = {"actuation": {"tension_limit": [4.0, 5.0]}, "sensing": {"tension_at": place}}

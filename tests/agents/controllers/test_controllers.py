@@ -93,6 +93,7 @@ def test_open_loop_does_not_look_at_the_load():
     np.testing.assert_array_equal(lengths[0], lengths[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: mean regret 0.0024 mm, the largest 0.01 mm; docs/training.md has 1,000 episodes."""
@@ -101,6 +102,7 @@ def test_feedback_ends_near_the_floor(controller):
     assert regret.max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 @pytest.mark.parametrize("env_id", ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"])
 def test_feedback_works_with_four_tendons_and_on_the_goal_environment(controller, env_id):
@@ -121,6 +123,7 @@ def test_feedback_survives_noise_tolerances_offsets_and_a_drifting_load(controll
     assert np.median(final_errors(controller(), SEEDS, **settings)) < 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_keeps_up_with_a_moving_target(controller):
     settings = {"target": {"process": "path"}, "episode_steps": 100, "load": {"magnitude": (0.0, 0.5)}}
@@ -136,6 +139,7 @@ def test_feedback_keeps_tensions_away_from_slack_and_from_yielding():
     assert np.median(tensions.max(axis=1)) > 13.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", untuned_controllers())
 @pytest.mark.parametrize(
     "config",

@@ -4,6 +4,8 @@ import pickle
 import subprocess
 import sys
 
+import pytest
+
 import agents.baselines
 from agents import controllers
 
@@ -15,6 +17,7 @@ def test_classes_are_the_same_under_the_former_name():
     assert isinstance(pickle.loads(pickle.dumps(OpenLoop(), 0).replace(b"controllers", b"baselines")), OpenLoop)
 
 
+@pytest.mark.slow
 def test_the_command_runs_under_the_former_name():
     command = [sys.executable, "-m", "agents.baselines.tune", "--help"]
     assert "--world" in subprocess.run(command, capture_output=True, text=True, check=True).stdout

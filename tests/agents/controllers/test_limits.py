@@ -41,6 +41,7 @@ def test_feedback_on_the_true_state_reaches_targets_and_keeps_from_limits():
     assert info["error_mm"].mean() < 0.3 and stopped < 0.05 * 50 * 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stem", WORLDS)
 def test_every_tuned_controller_of_a_world_drives_its_version_1(stem):
     env = EnvConfig(f"rj_gym/{stem}-v1", settings={"episode_steps": 4})

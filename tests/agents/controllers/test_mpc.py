@@ -136,6 +136,7 @@ def test_an_episode_does_not_depend_on_others() -> None:
     assert np.allclose(alone, together, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_it_knows_the_true_state_where_it_may() -> None:
     settings = MOVING | {"randomization": {"position_noise_mm": 1.0}}
     seen, true = mean_error(Mpc(), settings), mean_error(PrivilegedMpc(), settings)

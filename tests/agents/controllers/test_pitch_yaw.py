@@ -52,6 +52,7 @@ def test_every_target_is_reachable_under_the_payload():
     assert floors().max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", [JacobianFeedback, LoadEstimate, PrivilegedFeedback])
 def test_feedback_ends_at_the_floor_but_where_tensions_are_at_both_limits(controller):
     errors = final_errors(controller())

@@ -40,6 +40,7 @@ def driven(controller, steps, env_id=INSTRUMENT, lanes=4, other=None):
     return np.moveaxis(np.array(actions), 1, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "share"), [(INSTRUMENT, 0.85), (SHIFT, 0.6)])
 def test_full_information_comes_nearer_than_filters(env_id, share):
     """Means of 40 episodes; measured in 1,000: 0.47 of 0.74 mm, and 0.16 of 0.45."""
@@ -100,6 +101,7 @@ def test_chains_that_their_motors_offsets_seem_to_leave_slack_are_fitted():
     assert errors.last_errors.mean(axis=1).max() < 1.0
 
 
+@pytest.mark.slow
 def test_it_goes_on_after_a_pickle_and_is_alone_as_beside_others():
     controller, envs = smoother(), make_vector_env(EnvConfig(INSTRUMENT), 3)
     observation, _ = envs.reset(seed=[1, 2, 3])

@@ -73,6 +73,7 @@ def test_all_opponents_have_been_tuned(world):
         assert 0.0 < record["validation_mm"] < (100.0 if "Arm" in world and name == "open loop" else 6.0)
 
 
+@pytest.mark.slow
 def test_what_is_tuned_in_a_later_version_replaces_the_settings_of_the_first_one_by_one(tmp_path, monkeypatch):
     later, content = INSTRUMENT.replace("-v0", "-v1"), read_yaml(tune.TUNED)
     bank = content[INSTRUMENT]["probing bank"]
@@ -94,6 +95,7 @@ def test_a_world_is_found_by_its_environment(world):
     assert world_of(env_of(world)) == world
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS)
 def test_actions_are_finite_whatever_is_seen_and_after_the_end(world):
     """Random observations, far from any that a mechanism gives: filters have no equilibrium for many of them."""

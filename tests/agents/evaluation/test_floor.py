@@ -83,6 +83,7 @@ def test_a_controller_that_knows_the_best_command_arrives_exactly_at_the_floor(n
     assert np.abs(regret).max() < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings"),
     [("RollingJoint-v0", {}), ("FlexibleArm-v0", {"mechanism": "small_arm", "tension_range": [1.0, 5.0]})],

@@ -45,6 +45,7 @@ def scalar_episode(config, controller, seed):
     return [info["error_mm"] for info in infos], total, infos
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "mechanism"), [*((i, "five_link") for i in IDS), (ARM_IDS[0], "small_arm")])
 @pytest.mark.parametrize("lanes", [1, 2, 5, 100])
 def test_every_episode_is_that_of_the_scalar_environment_whatever_the_lanes(env_id, mechanism, lanes):

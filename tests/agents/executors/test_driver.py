@@ -167,6 +167,7 @@ with _interrupts_blocked():
 """
 
 
+@pytest.mark.slow
 def test_the_first_process_is_started_with_interrupts_blocked_too(run_python):
     assert run_python("-c", FIRST) == "True\n"
 

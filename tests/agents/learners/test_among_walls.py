@@ -65,6 +65,7 @@ def test_a_policy_with_memory_learns_to_seek_a_force_that_it_does_not_see() -> N
     close(model)
 
 
+@pytest.mark.slow
 def test_ways_around_discs_are_learnt_and_the_shipped_policy_goes_them() -> None:
     model = trained("Obstacles-v1", "way from anywhere")
     assert isinstance(model.teacher, WayFromAnywhere)

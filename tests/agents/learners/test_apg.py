@@ -35,6 +35,7 @@ def settings(updates: int, **changes: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("optimizer", "share"), [("adam", 0.5), ("muon", 0.6)])
 def test_errors_shrink_within_a_few_updates(optimizer: str, share: float) -> None:
     parameters = {"learning_rate": 3.0e-3, "optimizer": optimizer}
@@ -51,6 +52,7 @@ def test_numpy_gives_the_actions_of_the_learner_over_whole_episodes() -> None:
     check_that_numpy_acts_as_torch(TrainConfig.from_dict(settings(2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimizer", ["adam", "muon"])
 def test_a_run_that_was_stopped_ends_with_the_same_weights(
     optimizer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

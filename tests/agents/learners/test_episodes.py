@@ -130,6 +130,7 @@ def _driven(env: Any, actions: Any) -> tuple[float, MotionTape, dict[str, int]]:
     return total, motion, counts
 
 
+@pytest.mark.slow
 def test_gradients_through_pulls_that_limits_cut_are_the_differences() -> None:
     """Of every action, where motors stop with their tendons, in their play and at once."""
     actuation = {"play_mm": (0.5, 1.0), "tension_limit": (3.5, 5.0), "limit_at": "motor"}

@@ -140,6 +140,7 @@ def test_error_keeps_its_zero_and_its_unit_in_training() -> None:
     close(model)
 
 
+@pytest.mark.slow
 def test_analytic_gradients_bring_the_tip_to_the_target_within_a_few_updates() -> None:
     parameters = {"learning_rate": {"linear": [1.6e-2, 1.0e-4]}, "optimizer": "muon"}
     env = {"n_envs": 16, "settings": {"episode_steps": 30}}
@@ -183,6 +184,7 @@ def test_settings_that_do_not_go_together_are_refused(values: dict[str, Any], ke
         TrainConfig.from_dict(values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["apg", "ppo"])
 def test_a_run_that_was_stopped_ends_with_the_same_weights(
     algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

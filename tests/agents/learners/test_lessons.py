@@ -74,6 +74,7 @@ def test_lessons_have_a_learning_rate_of_their_own() -> None:
     close(model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", [2, 4])
 def test_a_run_that_was_stopped_ends_with_the_same_weights(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

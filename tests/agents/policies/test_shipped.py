@@ -104,6 +104,7 @@ def test_score_that_leaves_the_band_is_noticed():
     assert any("mean_mm" in line for line in policy.score.complaints(worse.rescore()))
 
 
+@pytest.mark.slow
 def test_nothing_but_numpy_runs_a_policy(run_python):
     program = """
 import sys

@@ -26,6 +26,7 @@ def standing(*controllers) -> Standings:
 TEN = np.linspace(-0.02, 0.02, 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("learned", "opponent", "feedback", "expected"),
     [

@@ -29,6 +29,7 @@ def rig(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_check_home_bench_identify_replay_and_drive_follow_each_other(rig, capsys):
     assert main(["check", "rig.yaml"]) == 0 and "(not homed)" in capsys.readouterr().out
     assert main(["bench", "rig.yaml", "--out", "a.jsonl"]) == 2 and "rj rig home rig.yaml" in capsys.readouterr().err

@@ -97,6 +97,7 @@ def driven(policy, seed, over_the_bus):
 GUARD_OF_MOTORS = type(GUARD)(low=0.01, high=98.0, stop=99.0)
 
 
+@pytest.mark.slow
 def test_a_shipped_policy_ends_over_the_bus_about_where_it_ends_in_simulation():
     policy = load_policy("instrument", version=1)
     errors = np.array([[driven(policy, seed, over) for over in (False, True)] for seed in range(500, 508)])

@@ -127,6 +127,7 @@ def test_an_error_is_one_line_and_nothing_is_begun(tmp_path, capsys):
     assert re.fullmatch(r"error: .*'knots'\?\n", capsys.readouterr().err) and not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_every_method_keeps_to_the_same_budget_and_seeds(finished):
     search = Search.read(finished)
     assert list(search.outcomes) == ["random", "cma_es", "gradient", "map_elites"]
@@ -198,6 +199,7 @@ def test_finished_runs_stay_and_a_changed_search_is_refused(finished, tmp_path, 
     assert before == {path: path.stat().st_mtime_ns for path in finished.glob("*/*/evaluations.jsonl")}
 
 
+@pytest.mark.slow
 def test_the_page_is_rebuilt_from_the_folders_alone(finished, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"# Title\n\n{compare.BEGIN}\nold\n{compare.END}\n\nLast words.\n")
@@ -260,6 +262,7 @@ seeds: [1]
 """
 
 
+@pytest.mark.slow
 def test_chains_in_space_are_searched_reported_and_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(options, "LocalExecutor", lambda jobs: InlineExecutor())
     out = tmp_path / "out"
@@ -336,6 +339,7 @@ seeds: [1]
 """
 
 
+@pytest.mark.slow
 def test_an_objective_of_your_own_searches_a_mechanism_with_four_tendons(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own_objective.py").write_text(OWN)

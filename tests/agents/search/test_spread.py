@@ -110,6 +110,7 @@ def test_small_batches_stay_with_the_process_of_their_run(tmp_path):
     assert [type(one) for one in submitted] == [FolderUnit]
 
 
+@pytest.mark.slow
 def test_a_chunk_that_fails_ends_its_run_alone(alone, tmp_path, monkeypatch):
     def broken(problem, wants, x):
         if wants == "gradient":
@@ -151,6 +152,7 @@ def score_unless_third(folder, *arguments):
     return SCORED(*arguments)
 
 
+@pytest.mark.slow
 def test_a_lost_worker_costs_a_chunk_and_no_more(alone, tmp_path, monkeypatch):
     monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
     monkeypatch.setattr(spread, "scored", partial(score_unless_third, tmp_path))

@@ -25,6 +25,7 @@ def run(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_table_has_the_policy_and_every_method_and_goes_between_the_marks(run, tmp_path, capsys):
     page = tmp_path / "page.md"
     page.write_text(f"before\n\n{unseen.BEGIN}\nold\n{unseen.END}\nafter\n")

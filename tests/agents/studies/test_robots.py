@@ -107,6 +107,7 @@ def test_a_score_is_the_mean_over_robots_with_an_interval_over_them():
     assert re.split(r"  +", second)[2:5] == ["2.00", "2.00", "8.00"]
 
 
+@pytest.mark.slow
 def test_controllers_are_found_by_name_file_and_run(tmp_path):
     (tmp_path / "own.py").write_text("from agents.controllers import DoNothing\n")
     assert {"open loop", "probing bank", "privileged teacher"} <= instrument_controllers().keys()
@@ -144,6 +145,7 @@ def test_wrong_numbers_are_refused(capsys):
         robots([])
 
 
+@pytest.mark.slow
 def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "score_on_robots", quick)
     monkeypatch.setattr(trial, "adaptable", lambda name: InstrumentController(None))

@@ -64,6 +64,7 @@ def test_the_configuration_of_the_page_is_one(mine):
     assert list(config.wrappers[0]["mine:Scaled"].items()) == [("scale", 0.5)]
 
 
+@pytest.mark.slow
 def test_a_policy_behind_an_observation_wrapper_is_evaluated_in_it_and_others_are_not(tmp_path, capsys):
     run = tmp_path / "run"
     assert tiny_train(run, *words(wrappers=["TimeAwareObservation"])) == 0
@@ -87,6 +88,7 @@ def test_a_run_behind_wrappers_is_not_exported_nor_compared(tmp_path, capsys):
         load_driving(RunFolder.open(run))
 
 
+@pytest.mark.slow
 def test_a_vector_wrapper_keeps_the_native_lanes_and_its_reward_is_that_of_training_alone(mine, tmp_path):
     runs = [tmp_path / "plain", tmp_path / "scaled"]
     more = "--import", "mine"

@@ -30,6 +30,7 @@ def trained(settings: TrainConfig):
     return model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq"])
 def test_gradient_steps_are_those_of_a_step_of_all_lanes(algorithm):
     model = trained(config(algorithm))
@@ -41,6 +42,7 @@ def test_minus_one_gradient_steps_are_as_many_as_steps_of_the_lanes():
     assert trained(config("sac", parameters={**LEARNING, "gradient_steps": -1}))._n_updates == 80
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algorithm", "kind", "normalised"), [("sac", "dense", True), ("sac", "sparse", False), ("tqc", "sparse", True)]
 )

@@ -168,6 +168,7 @@ def test_the_default_config_is_valid():
     assert TrainConfig.from_dict({}) == TrainConfig()
 
 
+@pytest.mark.slow
 def test_importing_agents_and_reading_a_config_loads_neither_torch_nor_matplotlib():
     code = (
         "import sys, agents, agents.runs.config, agents.runs.folder, agents.train, agents.evaluate, agents.controllers;"

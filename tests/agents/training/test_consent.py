@@ -63,6 +63,7 @@ def test_a_configuration_runs_no_code_without_consent(ran, demo, capsys):
     assert not ran.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", [NAME, f"{NAME}.py"])
 def test_a_module_that_the_command_imports_trains_evaluates_and_is_recorded(module, ran, demo, tmp_path, capsys):
     run = tmp_path / "run"
@@ -87,6 +88,7 @@ def test_a_module_that_the_command_imports_trains_evaluates_and_is_recorded(modu
         assert main([*words, *allowed]) == 0
 
 
+@pytest.mark.slow
 def test_a_campaign_passes_consent_on_to_its_workers(ran, demo, tmp_path, capsys):
     (tmp_path / "own.yaml").write_text(
         f"env: {{id: '{ID}', n_envs: 2}}\nalgorithm: ppo\ntotal_timesteps: 40\ncheckpoint_every: 40\n"

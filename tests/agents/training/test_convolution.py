@@ -79,6 +79,7 @@ def test_places_of_past_readings_are_found_by_their_lags():
     assert past_places([Entry(name, "", 0.0, 1.0) for name in names]) == [[2], [1, 3]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEARNERS)
 def test_a_policy_with_a_convolution_learns_and_acts_alike_in_numpy(name):
     settings = config(**LEARNERS[name])

@@ -254,6 +254,7 @@ def test_policy_learns_to_add_to_the_controller_that_it_is_evaluated_with(traine
     np.testing.assert_allclose(with_it, alone, atol=2.0)  # it has hardly learned yet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["both", "residual"])
 def test_a_stopped_run_goes_on_to_the_same_weights_and_scores(name, tmp_path, monkeypatch, no_pictures):
     changes = config(**LEARNERS[name], evaluation={"every": 64, "episodes": 2}, checkpoint_every=64)

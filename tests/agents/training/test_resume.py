@@ -119,6 +119,7 @@ def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, t
     assert len((run / "command.txt").read_text().splitlines()) == (3 if name == "ppo" else 2)
 
 
+@pytest.mark.slow
 def test_a_run_killed_before_its_first_checkpoint_begins_anew(whole, tmp_path):
     run = RunFolder.create(tmp_path / "run", RunFolder.open(whole["ppo"]).config(), ["typed"])
     run.logs.mkdir()
@@ -128,6 +129,7 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(whole, tmp_path):
     assert run.evaluations.read_text() == (whole["ppo"] / "evaluations.csv").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
 def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whole, tmp_path, monkeypatch, capsys):
     run, evaluate = tmp_path / "run", Evaluator.evaluate
@@ -354,6 +356,7 @@ def test_two_trainings_in_one_folder_are_refused(whole, tmp_path, capsys):
     assert [path.name for path in whole["ppo"].parent.iterdir() if "ppo" in path.name] == ["ppo"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [16, 17, 24, 40, 54])
 def test_a_full_disk_ends_with_one_line_and_leaves_a_run_that_goes_on(number, whole, tmp_path, monkeypatch, capsys):
     run, written, fsync = tmp_path / "run", [], os.fsync

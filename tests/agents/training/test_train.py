@@ -40,6 +40,7 @@ def run(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_run_folder_holds_policy_normaliser_checkpoints_and_logs(run):
     files = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
     assert files >= {
@@ -146,6 +147,7 @@ def test_training_into_an_existing_run_is_refused_in_one_line(run, capsys):
     assert (run / "policy.zip").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_sac_trains_and_evaluates_on_the_goal_environment(tmp_path):
     goal = ["--set", "env.id=rj_gym/RollingJointGoal-v0"]
     assert tiny_train(tmp_path / "sac", *goal, config="sac_rolling_joint", tiny=TINY_SAC) == 0

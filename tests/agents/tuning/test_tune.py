@@ -63,6 +63,7 @@ def trials(folder: Path) -> list[optuna.trial.FrozenTrial]:
     return optuna.load_study(study_name="study", storage=journal_storage(folder / "journal.log")).get_trials()
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_and_ends_in_a_configuration_and_a_report(config, tmp_path, capsys):
     folder = tmp_path / "study"
     assert run("--config", config, "--study", folder, "--trials", 3) == 0

@@ -40,6 +40,7 @@ def steps(envs, count, seed=0):
     return [envs.step(rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)) for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VARIED)
 def test_an_environment_that_is_given_a_state_goes_on_to_the_bit(name):
     first, second = lanes(name), lanes(name)

@@ -46,6 +46,7 @@ def make_vec(lanes, **settings):
     return gymnasium.make_vec(ID, lanes, "vector_entry_point", **(SMALL | settings))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VARIANTS)
 def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(name):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
@@ -134,6 +135,7 @@ def test_a_design_that_cannot_be_built_leaves_the_last_one_standing():
     assert after["reward_terms"]["violation"] == reward
 
 
+@pytest.mark.slow
 def test_pulling_towards_the_target_brings_the_tip_nearer():
     env = make(control_steps=24, targets=1, force=(0.0, 0.0), start="reference")
     names = [entry.name for entry in env.task.entries()]

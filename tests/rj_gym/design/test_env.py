@@ -98,6 +98,7 @@ def test_the_vector_environment_passes_every_check(modes):
     assert len(modes) == 1 or not report.skipped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_lanes_equal_scalar_environments(mode):
     native = make_vec(4, autoreset_mode=mode)
@@ -225,6 +226,7 @@ def test_a_failed_equilibrium_costs_the_penalty_and_counts_as_the_largest_error(
     del env.task.shapes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 7])
 @pytest.mark.parametrize("lanes", [None, 3])
 def test_targets_that_no_design_can_have_are_refused_without_a_change(lanes, seed):
@@ -393,6 +395,7 @@ def test_a_window_opens_and_closes():
     env.close()
 
 
+@pytest.mark.slow
 def test_torch_threads_stay_as_they_are_and_importing_rj_gym_loads_no_torch(run_python):
     env = make()
     rollout(env, seed=0, steps=1)

@@ -80,6 +80,7 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(env_id, 
         checker.check_env(made(env_id))
 
 
+@pytest.mark.slow
 @every
 def test_the_vector_environment_passes_every_check(env_id, drawn_at_once):
     settings = {"episode_steps": 2}
@@ -245,6 +246,7 @@ def test_a_step_without_a_pose_ends_the_episode_where_it_was(monkeypatch):
         env.step(np.zeros(5))
 
 
+@pytest.mark.slow
 @every
 def test_targets_can_be_reached_which_is_the_floor(env_id):
     if env_id == LUMEN:

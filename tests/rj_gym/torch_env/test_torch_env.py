@@ -174,6 +174,7 @@ def test_episodes_are_those_of_the_native_environment(world, mode):
     played(*pair(env_id, episode_steps=3, autoreset_mode=mode, **settings), seed=3, steps=8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", INSTRUMENTS)
 def test_what_motors_and_sensors_do_is_that_of_the_native_environment(world):
     env_id, settings = INSTRUMENTS[world]
@@ -398,6 +399,7 @@ def test_what_a_caller_does_to_results_changes_no_episode():
         assert_equal(one, other, "afterwards")
 
 
+@pytest.mark.slow
 def test_without_torch_the_extra_is_named(run_python):
     hidden = "import sys; sys.modules['torch'] = None\n"
     program = "try:\n    import rj_gym.torch_env\nexcept ModuleNotFoundError as error:\n    print(error)"

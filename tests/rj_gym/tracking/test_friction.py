@@ -306,6 +306,7 @@ def test_readings_have_room_for_friction_only_where_there_is_some():
     assert plain._buffer.solver.friction is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", IDS[::3])
 def test_the_vector_environment_passes_the_checker(env_id):
     rj_gym.check_vector_env(

@@ -242,6 +242,7 @@ def test_arms_friction_and_a_privileged_state_leave_the_memory_alone():
             assert info["reward_terms"]["steps"].tolist() == [count, count]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["rj_gym/RollingJoint-v0", "rj_gym/FlexibleArm-v0"])
 def test_the_checkers_pass(env_id):
     check_env(gymnasium.make(env_id, terms=TERMS).unwrapped, skip_render_check=True)

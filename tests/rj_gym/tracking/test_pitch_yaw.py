@@ -133,6 +133,7 @@ def test_a_batch_equals_scalar_environments_and_goes_on_from_copies(settings):
     assert observations.shape[1] == len(rj_gym.observation_entries(envs.config, envs.task.mechanism))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [{}, BLIND], ids=["plain", "blind"])
 def test_checkers_are_silent(settings):
     with warnings.catch_warnings():

@@ -174,6 +174,7 @@ def test_own_draws_leave_those_of_the_task_as_they_are():
     assert np.array_equal(first["forces"], second["forces"]) and first["link"] == second["link"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_checkers_pass(env_id):
     check_env(gymnasium.make(env_id, terms=ALL).unwrapped, skip_render_check=True)

@@ -354,6 +354,7 @@ def test_missing_package_is_named_with_the_command_that_installs_it(module, suff
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_package_loads_no_cad_library_until_a_file_is_written(run_python):
     program = "import sys, rollingjoint.cad, rollingjoint.cli; print(*sys.modules)"
     loaded = set(run_python("-c", program).split())

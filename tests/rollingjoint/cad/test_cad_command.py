@@ -44,6 +44,7 @@ def sheet_of(figure):
     return next(name for name, size in SHEETS.items() if np.allclose(size, (width, height)))
 
 
+@pytest.mark.slow
 def test_one_line_is_printed_for_every_file_written(workplace, capsys):
     assert export("five_link --out parts --format svg png stl") == 0
     printed = capsys.readouterr().out.splitlines()
@@ -59,6 +60,7 @@ def test_page_shows_what_the_command_prints(command, shown, capsys):
     assert capsys.readouterr().err == f"{shown}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", SHELL)
 def test_commands_of_the_page_succeed(command):
     assert export(command) == 0
@@ -136,6 +138,7 @@ def test_wrong_input_exits_with_2_and_one_clear_line(command, parts, workplace, 
     assert list(workplace.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["pdf", "png"])
 def test_drawing_is_a_sheet_of_paper(suffix):
     path = assembly_drawing(rj.five_link(), f"assembly.{suffix}")
@@ -149,6 +152,7 @@ def test_drawing_is_a_sheet_of_paper(suffix):
         assert content == assembly_drawing(rj.five_link(), "again.pdf").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "sheet", "scale"),
     [

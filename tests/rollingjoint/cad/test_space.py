@@ -65,6 +65,7 @@ def made(request):
     return chain, bodies, [spatial_solid(body, link) for link, body in enumerate(bodies)]
 
 
+@pytest.mark.slow
 def test_bodies_are_closed_in_one_piece_with_a_tunnel_for_every_tendon(made):
     chain, bodies, meshes = made
     for link, (body, mesh) in enumerate(zip(bodies, meshes, strict=True)):
@@ -74,6 +75,7 @@ def test_bodies_are_closed_in_one_piece_with_a_tunnel_for_every_tendon(made):
         assert 0.0 < mesh.volume < np.pi * body.radius**2 * np.ptp(mesh.bounds[:, 2])
 
 
+@pytest.mark.slow
 def test_contact_surfaces_are_exact_over_the_whole_line(made):
     """A step outside of a point of the exact surface there is no body, a step inside there is one."""
     chain, bodies, meshes = made
@@ -101,6 +103,7 @@ def test_corners_at_both_ends_of_the_line_lie_on_the_exact_curve(made):
     assert count > 10 * len(meshes)
 
 
+@pytest.mark.slow
 def test_channels_are_open_from_hole_to_hole_and_flare_from_there(made):
     _, bodies, meshes = made
     for body, mesh in zip(bodies, meshes, strict=True):

@@ -101,6 +101,7 @@ def test_depths_outside_the_body_are_refused(depths, tmp_path):
         export(rj.pitch_yaw(), tmp_path / "out", depths=(1.0,))
 
 
+@pytest.mark.slow
 def test_every_unlike_link_has_a_sheet(tmp_path):
     for mechanism, sheets in ((rj.five_link(), 5), (rj.uniform(4), 1)):
         files = {path.name for path in export(mechanism, tmp_path, "pdf", overwrite=True)}

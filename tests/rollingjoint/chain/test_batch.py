@@ -83,6 +83,7 @@ def test_a_lane_is_the_single_solve_to_the_last_bit(seed):
     assert batch.status[seed % LANES] == Status.INVALID_INPUT
 
 
+@pytest.mark.slow
 def test_these_problems_end_in_every_way_and_in_both_solvers():
     batches = [solve_lengths_batch(*problem(seed)) for seed in PROBLEMS]
     statuses = np.concatenate([batch.status for batch in batches])
@@ -116,6 +117,7 @@ def family(seed, count):
             return alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_every_lane_may_have_a_mechanism_of_its_own(seed):
     chains = family(seed, 6)
@@ -358,6 +360,7 @@ print(np.array_equal(found.joint_angles, few.joint_angles))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["plane", "space"])
 def test_lanes_keep_their_memory_while_they_work(where, run_python):
     assert run_python("-c", MANY_LOADS, where) == "True\n"

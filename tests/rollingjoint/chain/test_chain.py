@@ -56,6 +56,7 @@ def test_a_class_names_the_class_of_its_equilibria(name):
     assert mechanism.load_table(()).shape == (0, len(mechanism.load_columns))
 
 
+@pytest.mark.slow
 def test_another_class_is_solved_reported_and_written_without_a_change_elsewhere(run_python):
     run_python("-c", ANOTHER)
 

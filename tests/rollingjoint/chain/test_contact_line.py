@@ -61,6 +61,7 @@ def ends(reaction, half_width):
     return 0.5 * (reaction[1] + np.array([-tilt, tilt])), 0.5 * (reaction[0] + np.array([twist, -twist]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shoulders", [True, False])
 @pytest.mark.parametrize("mu", [0.0, 0.15, 0.4])
 def test_tooth_forces_are_the_least_of_a_linear_programme(mu, shoulders):

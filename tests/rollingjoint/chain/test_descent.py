@@ -93,6 +93,7 @@ def test_no_hard_case_with_a_potential_ends_without_an_equilibrium():
     assert failed <= 0.01 * followers
 
 
+@pytest.mark.slow
 def test_the_report_of_the_hard_cases_counts_every_row():
     text = hard_cases.table(hard_cases.cases(seed=2, rows=64))
     assert f"of {2 * 64 * len(hard_cases.HARD_KINDS):,} |" in text.splitlines()[-1]

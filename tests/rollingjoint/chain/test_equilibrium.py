@@ -195,6 +195,7 @@ def test_stiffness_is_symmetric_without_follower_forces_and_not_with_them():
     assert np.abs(follower - follower.T).max() > 1.0
 
 
+@pytest.mark.slow
 def test_stiffness_is_the_derivative_of_the_residual():
     """dr/dphi against central differences of the moments that would have to be applied to hold a pose."""
     chain = five_link()

@@ -100,6 +100,7 @@ def test_lengths_with_a_slack_and_a_yielding_tendon_balance_every_bead():
     assert kinds == {0.0, 1.0, 2.0}
 
 
+@pytest.mark.slow
 def test_the_flexible_arm_balances_bead_by_bead_from_any_history():
     arm, rng = rubbed(flexible_arm()), np.random.default_rng(0)
     loads, forces = acting(arm, HANG)
@@ -179,6 +180,7 @@ def test_mirrored_paths_give_mirrored_arms():
     assert other.friction_states == pytest.approx(one.friction_states[..., mirror], abs=1e-7)
 
 
+@pytest.mark.slow
 def test_a_closed_loop_loses_what_the_motors_put_in():
     arm, steps = rubbed(small_arm()), 800
     leg = np.linspace(0.0, 3.0, steps)

@@ -60,6 +60,7 @@ def test_the_sweep_solves_what_the_dense_matrix_says(springs):
     assert solved > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_generators_of_stretching_tendons_are_the_dense_stiffness_and_its_differences(seed):
     rng = np.random.default_rng(seed)
@@ -116,6 +117,7 @@ def test_slack_long_chains_say_so():
     assert solve_lengths(chain, chain.neutral_lengths + 5.0).status is Status.INDETERMINATE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])  # neither converges; 600 dense steps once took up to 13 s
 def test_a_follower_force_on_a_long_chain_takes_a_bounded_number_of_dense_steps(seed):
     chain, rng = uniform(300), np.random.default_rng(seed)

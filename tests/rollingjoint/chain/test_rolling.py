@@ -96,6 +96,7 @@ def test_lengths_are_gaps_and_channels():
     assert np.linalg.norm(np.diff(left, axis=0), axis=1).sum() == pytest.approx(chain.neutral_lengths[0])
 
 
+@pytest.mark.slow
 def test_neutral_lengths_from_the_surfaces_are_those_of_the_tables():
     rng = np.random.default_rng(0)
     for chain in (five_link(), two_segment(), *(random_chain(rng) for _ in range(20))):

@@ -57,6 +57,7 @@ CASES = reference.cases()
 FIELDS = ("joint_angles", "poses", "tensions", "lengths", "contact_points", "reactions", "tendon_rates", "residual")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"][:30])
 def test_reference_equilibria_are_met(case):
     equilibrium = reference.solved(case)
@@ -370,6 +371,7 @@ def test_a_step_with_friction_is_drawn():
     assert second.gap_tensions.max() <= 3.0
 
 
+@pytest.mark.slow
 def test_the_benchmark_prints_the_worst_difference(run_python):
     script = reference.REFERENCE.parents[2] / "benchmarks" / "spatial_reference.py"
     output = run_python(str(script), str(reference.REFERENCE))

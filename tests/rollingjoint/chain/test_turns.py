@@ -33,6 +33,7 @@ def angle(u, v):
     return np.arctan2(np.linalg.norm(np.cross(u, v)), u @ v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [small_arm(), oblique_arm(), flexible_arm()], ids=["small", "oblique", "flexible"])
 def test_turns_are_the_angles_between_channels_and_segments_in_the_world(arm):
     theta = np.random.default_rng(1).uniform(-0.3, 0.3, arm.n_joints)

@@ -66,6 +66,7 @@ def test_documented_commands_print_what_the_documentation_shows(
             np.testing.assert_allclose([float(v) for v in values], [float(v) for v in wanted], atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", SHELL)
 def test_documented_commands_succeed_and_write_their_files(
     command: str, workplace: Path, monkeypatch: pytest.MonkeyPatch
@@ -319,6 +320,7 @@ def test_only_lengths_that_are_far_too_short_are_noted(
     assert ("note: lengths far too short" in note, "no real tendon" in note) == (noted, stretched)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["rollingjoint", "rollingjoint.cli"])
 def test_the_package_run_as_a_module_is_rj(module: str, run_python: Callable[..., str]) -> None:
     assert run_python("-m", module, "mechanisms").split()[0] == next(iter(PRESETS))
@@ -334,6 +336,7 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.fullmatch(r"rj \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_closed_pipe_ends_quietly() -> None:
     """The reader closes at once, as `rj mechanisms | true` does."""
     script = "import sys; from rollingjoint.cli import main; sys.stdin.read(); sys.exit(main(['mechanisms']))"
@@ -354,6 +357,7 @@ def test_closed_pipe_ends_quietly() -> None:
     assert process.wait() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 @pytest.mark.parametrize("command", ["mechanisms", "--help", "solve five_link --tensions 1 1", "train --list"])
 def test_a_command_ends_without_a_word_when_its_reader_has_gone(command: str) -> None:

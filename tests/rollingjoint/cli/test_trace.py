@@ -53,6 +53,7 @@ def test_a_base_that_is_pushed_in_is_traced(capsys, expected):
     assert float(rows[-1]["sticking_contacts"]) > 0.0
 
 
+@pytest.mark.slow
 def test_a_path_among_walls_in_space_is_traced_and_drawn(capsys, tmp_path):
     around = Path(__file__).resolve().parents[3] / "configs/surroundings/in_space.yaml"
     command = f"trace pitch_yaw --lengths 63.6 63.5 60.5 61.8 --surroundings {around} --feed 0 4 3.98 --csv"
@@ -120,6 +121,7 @@ def frames_of(path):
         return [np.array(frame.convert("RGB")) for frame in ImageSequence.Iterator(film)]
 
 
+@pytest.mark.slow
 def test_pictures_and_films(capsys, tmp_path):
     for name in ("way.png", "way.gif"):
         assert rj(f"trace two_segment {FEED} {AMONG} --plot {tmp_path / name}") == 0

@@ -90,6 +90,7 @@ def test_the_reference_is_the_mechanism_itself(name):
     assert (space.margins(torch.as_tensor(space.reference())) >= 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_designs_with_margins_can_be_made(name):
     space = SPACES[name]
@@ -105,6 +106,7 @@ def test_designs_with_margins_can_be_made(name):
         assert rj.solve_tensions(chain, np.full(chain.n_tendons, 3.0)).ok
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_random_chains_have_designs_around_them(seed):
     rng = np.random.default_rng(seed)
@@ -139,6 +141,7 @@ def test_springs_friction_and_weights_stay_the_mechanisms():
     assert DesignSpace.of(heavy).mechanism(DesignSpace.of(heavy).reference()).weights == pytest.approx(heavy.weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_link, wide", "uniform", "every surface", "pitch_yaw"])
 def test_most_designs_that_can_be_made_have_margins(name):
     space = SPACES[name]
@@ -181,6 +184,7 @@ def test_alike_parts_share_a_number_and_others_have_their_own():
     assert len(DesignSpace.of("uniform", hole_radius=(-1, 1), convexity=(0, 0), symmetric=True).names) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_gradients_match_differences(name):
     space = SPACES[name]

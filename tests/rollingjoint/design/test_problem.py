@@ -102,6 +102,7 @@ def numeric_gradient(problem, row):
     return (4 * (on - back) / 1e-4 - (wide_on - wide_back) / 2e-4) / 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", range(7))
 def test_the_gradient_is_that_of_the_cost(row):
     x = rows()[row]
@@ -112,6 +113,7 @@ def test_the_gradient_is_that_of_the_cost(row):
     assert np.abs(gradient).max() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", range(5))
 def test_the_jacobian_is_that_of_worth_and_constraints(row):
     x, problem = rows()[row], everything()

@@ -132,6 +132,7 @@ def test_curvature_that_is_not_even_or_no_curve_through_the_knots_is_refused():
         DesignSpace(symmetric=False, convexity=(0.0, 0.09), curve="linear").vector(mechanism)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_margins_promise_what_the_hard_check_finds(name):
     """And do not refuse much that it passes: the share over all spaces is in docs/design.md."""

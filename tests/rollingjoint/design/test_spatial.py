@@ -123,6 +123,7 @@ def rest_of(chain, tensions):
     return rj.solve_tensions(chain, np.full(chain.n_tendons, np.mean(tensions)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_gradients_of_costs_match_differences(name):
     space = SPACES[name]

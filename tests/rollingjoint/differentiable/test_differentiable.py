@@ -148,6 +148,7 @@ def test_random_mechanisms_have_the_statuses_and_poses_of_the_compiled_solver(mo
     assert sum(left) <= 2  # of 128: the others are found without a table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_gradients_of_everything_by_everything_match_differences_of_the_compiled_solver(name):
     rng = np.random.default_rng(1)

@@ -245,6 +245,7 @@ def assert_gradients_match_differences(function, leaves, steps):
         assert gradient == pytest.approx(numeric, rel=1e-6, abs=1e-8 * np.abs(numeric).max() + 1e-5), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PATHS)
 def test_gradients_along_a_path_match_differences(name, monkeypatch):
     monkeypatch.setattr(solve_module, "solve_compiled", lambda *_: pytest.fail("the torch solver got stuck"))

@@ -198,6 +198,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_of_everything_by_everything_match_differences_of_the_compiled_solver(case):
     name, solve, potential = CASES[case]
@@ -273,6 +274,7 @@ def test_steps_with_friction_are_those_of_the_compiled_solver(name, monkeypatch)
         assert getattr(found, field).numpy() == pytest.approx(getattr(reference, field), rel=1e-7, abs=1e-7), field
 
 
+@pytest.mark.slow
 def test_gradients_through_a_path_with_friction_match_differences(monkeypatch):
     monkeypatch.setattr(solve_module, "solve_compiled", lambda *_: pytest.fail("the torch solver got stuck"))
     rng, chain = np.random.default_rng(2), BUILDS["mixed"]()

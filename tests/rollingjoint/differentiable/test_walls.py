@@ -142,6 +142,7 @@ def test_values_are_those_of_the_compiled_solver(scene):
     np.testing.assert_allclose(found.wall_gaps.detach().numpy()[pressing], expected.walls.gaps[pressing], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_gradients_are_those_of_differences(scene):
     """By every number of walls and outline, the base, the commands and a load: central differences of four solves."""
@@ -204,6 +205,7 @@ def walked_in_tensors(walls, base, steps, friction=None):
     return history
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [None, 0.08])
 @pytest.mark.parametrize("way", WAY)
 def test_steps_with_friction_are_those_of_the_compiled_solver(way, mu):
@@ -223,6 +225,7 @@ def test_steps_with_friction_are_those_of_the_compiled_solver(way, mu):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAY)
 def test_gradients_with_friction_are_one_sided_differences_along_the_whole_way(way):
     """By walls, their friction and the first base: through the memory of both steps; median 1e-5 of the largest."""

@@ -76,6 +76,7 @@ def test_derivatives_are_the_differences(case):
     np.testing.assert_allclose(-alone.slope[0], (near.cost[:K] - near.cost[K:]) / (2 * reach), rtol=1e-5, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_smoother_finds_the_tip_as_well_as_it_can_be_known(case):
     arm, prior, law, _, history, truth = case
     smoother = ArmSmoother(arm, prior, law, ArmEffort(every=1, passes=10, moved=1e-3), STEPS)

@@ -44,6 +44,7 @@ def test_costs_are_differentiated_exactly_by_all_hidden_numbers():
     assert np.allclose(-track.slope[0][free], by_difference[free], rtol=2e-4, atol=2e-3 * np.abs(by_difference).max())
 
 
+@pytest.mark.slow
 def test_a_wall_is_found():
     simulated = rigs(4, 11)
     estimator = fed(smoother(4), simulated)
@@ -78,6 +79,7 @@ def test_before_any_measurement_estimates_are_the_ranges():
     assert 0.0 < estimator.touches < 1.0
 
 
+@pytest.mark.slow
 def test_a_single_rig_is_the_first_of_many_and_reset_forgets():
     simulated = rigs(2, 5)
     many, one = fed(smoother(2, samples=400), simulated), smoother(None, samples=400)

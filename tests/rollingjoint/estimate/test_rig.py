@@ -20,6 +20,7 @@ def estimated(kind, rigs, simulated, **arguments):
     return estimator
 
 
+@pytest.mark.slow
 @KINDS
 def test_intervals_contain_the_truth_as_often_as_they_say(kind):
     depths, _, _ = measured(kind, 100, 30, seed=7, ranges=RANGES, links=[-1])
@@ -56,6 +57,7 @@ def test_before_any_measurement_estimates_are_the_ranges():
     assert np.allclose(estimator.friction.mean, 0.15, atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_loaded_link_is_found():
     simulated = simulated_rigs(CHAIN, path(30), RANGES, SENSORS, [1, 2, 3, 4], rigs=40, seed=3)
     estimator = RigSmoother(CHAIN, RANGES, SENSORS, [1, 2, 3, 4], rigs=40, steps=30)

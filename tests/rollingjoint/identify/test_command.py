@@ -12,6 +12,7 @@ from tests.rollingjoint.command import rj
 RUNS = str(Path(__file__).parents[3] / "examples" / "data" / "two_runs_calibrated.yaml")
 
 
+@pytest.mark.slow
 def test_it_writes_pictures_numbers_and_ranges(tmp_path, capsys):
     options = "--parameters base_angle:run,surface_turn --intervals linear --confidence 0.9"
     assert rj(f"identify {RUNS} {options} --output {tmp_path / 'found'}") == 0

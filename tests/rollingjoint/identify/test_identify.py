@@ -78,6 +78,7 @@ def test_errors_of_surfaces_are_found_again():
     assert found.values == pytest.approx([0.3, -0.02], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """Errors shared by all links of a step, which intervals for independent readings would miss."""
     rng, hits, count = np.random.default_rng(1), 0, 60
@@ -142,6 +143,7 @@ def test_parameters_with_the_same_effect_are_named():
     assert "not determined" in found.report()
 
 
+@pytest.mark.slow
 def test_a_run_is_predicted_from_the_others_alone():
     runs = [
         run_of(CHAIN.replace(friction=rj.CapstanFriction(mu)), TENSIONS, "tensions", name, noise=0.05, seed=seed)

@@ -88,6 +88,7 @@ def test_where_one_shape_does_not_reach_all_targets_the_plan_changes_it_in_a_det
     assert (moves[~plan.snapped[1:]] < 0.3).all() and moves.sum() > 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cap", [np.inf, 0.3])
 def test_a_cap_on_wall_force_is_kept_with_friction_at_the_wall(cap):
     arm, around = wall()
@@ -152,6 +153,7 @@ def test_wrong_inputs_are_one_line():
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_page_prints_what_it_says():
     names = {}
     for program, expected in examples(PAGE.read_text("utf-8")):

@@ -70,6 +70,7 @@ def test_the_force_in_every_direction_is_the_least_over_directions(space):
     assert (space.force >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_workspace_in_space_and_under_a_load():
     space = rj.workspace(rj.pitch_yaw_two_segment(), [rj.WorldForce(-1, (0.1, 0.0, 0.0))], LIMITS, cells=6)
     rows = np.argsort(space.force)[-3:]

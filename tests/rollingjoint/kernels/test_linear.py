@@ -62,6 +62,7 @@ def test_the_cholesky_factor_is_of_the_shifted_symmetric_part(rng, free):
     assert cholesky(H, np.zeros(N, bool), 0.0, L) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e5])
 def test_steps_on_free_joints_are_newtons_and_held_joints_stay(rng, free, scale):
     H, r = scale * matrix(rng, free, 1.0, 2.0, 5.0, 9.0), scale * rng.normal(size=N)
@@ -134,6 +135,7 @@ def test_a_damped_step_is_that_of_levenberg_and_marquardt(rng, free):
     assert np.all(np.isfinite(step)) and step[free] @ gradient < 0.0
 
 
+@pytest.mark.slow
 def test_the_leftmost_eigenvalue_and_the_largest_entry_are_of_the_free_joints(rng, free):
     A = rng.normal(size=(N, N))
     A[1] = A[:, 4] = 50.0
@@ -170,6 +172,7 @@ def test_the_sweep_of_a_long_chain_is_the_dense_factor(rng, free):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 def test_an_indefinite_long_chain_is_shifted_no_more_than_four_times_too_much(rng, free, scale):
     sweep, H = filled_sweep(rng, 2)

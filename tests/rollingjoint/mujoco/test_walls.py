@@ -55,6 +55,7 @@ def test_engine_rests_where_the_rigid_solver_does(name):
     assert pressed == pytest.approx(force, rel=0.03 if name == "plane" else 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IN_SPACE)
 def test_engine_rests_where_the_rigid_solver_does_in_space(name):
     chain, wall, base, radius, tensions, near = IN_SPACE[name]

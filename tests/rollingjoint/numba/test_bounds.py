@@ -72,6 +72,7 @@ def run(*arguments: str, **settings: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_checked_kernels_say_which_index_is_beyond_its_axis(tmp_path):
     program = tmp_path / "wrong_kernels.py"
     program.write_text(WRONG_KERNELS)

@@ -37,6 +37,7 @@ def run(folder: Path, program: str = PROGRAM, sources: Path = ROOT, **settings: 
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_kernels_are_kept_on_disk(tmp_path):
     arc, folder = run(tmp_path)
     assert float(arc) == pytest.approx(1.0)
@@ -86,6 +87,7 @@ def test_constants_that_a_kernel_imports_are_part_of_its_key(monkeypatch):
     assert cache._KernelLocator(function, function.__code__.co_filename).get_source_stamp() != before
 
 
+@pytest.mark.slow
 def test_a_home_that_cannot_be_written_leaves_scratch_space(tmp_path):
     blocked, scratch = tmp_path / "file", tmp_path / "scratch"
     blocked.write_text("a file where a folder should be: not even an administrator can write there")
@@ -97,6 +99,7 @@ def test_a_home_that_cannot_be_written_leaves_scratch_space(tmp_path):
     assert list(Path(folder).glob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_checkouts_of_one_version_share_their_kernels(tmp_path):
     shutil.copytree(ROOT / "rollingjoint", tmp_path / "rollingjoint", ignore=shutil.ignore_patterns("__pycache__"))
     home = {"ROLLINGJOINT_CACHE": "", "XDG_CACHE_HOME": str(tmp_path / "home")}
@@ -230,6 +233,7 @@ print(twice(1.0), twice(1))
 """
 
 
+@pytest.mark.slow
 def test_what_is_compiled_is_announced_once_and_never_when_it_is_kept(tmp_path):
     (tmp_path / "program.py").write_text(ANNOUNCED)
     environment = os.environ | {"ROLLINGJOINT_CACHE": str(tmp_path / "kernels"), "PYTHONPATH": str(ROOT)}

@@ -50,12 +50,14 @@ def package(tmp_path_factory):
     return folder, int(count)
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_where_the_package_brings_kernels(package, tmp_path):
     folder, count = package
     assert count > 0
     assert int(run(tmp_path, PROGRAM, str(folder))) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "settings"),
     [
@@ -69,6 +71,7 @@ def test_elsewhere_kernels_are_compiled_as_before(arguments, settings, package, 
     assert int(run(tmp_path, PROGRAM, str(package[0]), *arguments, **settings)) > 0
 
 
+@pytest.mark.slow
 def test_kernels_of_other_sources_and_damaged_ones_are_not_used(package, tmp_path):
     folder, count = package
     changed = tmp_path / "changed"

@@ -166,6 +166,7 @@ def test_the_loop_of_an_arm_is_drawn_in_its_plane() -> None:
         save_animation(loop, "arm.gif")
 
 
+@pytest.mark.slow
 def test_an_animation_goes_once_around(loop: Loop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rollingjoint.plotting.loops._FRAMES", 5)
     path = save_animation(loop, tmp_path / "loop.gif")

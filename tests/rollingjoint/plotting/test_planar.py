@@ -263,6 +263,7 @@ def test_unknown_suffix_and_missing_folder_are_refused(tmp_path: Path) -> None:
         save_figure(Figure(), tmp_path / "none" / "a.png")
 
 
+@pytest.mark.slow
 def test_import_of_plot_and_cli_leaves_matplotlib_alone() -> None:
     script = "import sys, rollingjoint.plotting.planar, rollingjoint.cli; sys.exit('matplotlib' in sys.modules)"
     root = Path(__file__).resolve().parents[3]

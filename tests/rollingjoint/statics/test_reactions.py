@@ -30,6 +30,7 @@ def test_reactions_are_those_of_the_arm_as_a_chain_in_space():
     np.testing.assert_allclose(hinge_reactions(many.row(2)), found[2], rtol=0, atol=0)
 
 
+@pytest.mark.slow
 def test_after_a_step_with_friction_tendons_pull_with_the_tensions_of_their_gaps():
     arm = ARM.replace(friction=CapstanFriction(0.2, 0.05))
     chain = SpatialChain.from_arm(arm)

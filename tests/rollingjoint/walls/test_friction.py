@@ -48,6 +48,7 @@ def wrench(step, link):
     return total
 
 
+@pytest.mark.slow
 def test_every_link_is_in_balance_under_tendons_that_rub_and_walls_that_rub(path):
     most = 0.0
     for k in range(5, len(path.status), 5):

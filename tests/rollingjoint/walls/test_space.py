@@ -53,6 +53,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "outline"), CASES)
 def test_an_equilibrium_is_a_minimum_of_an_energy_in_numpy(name, outline):
     walls = around(name, outline=outline)
@@ -68,6 +69,7 @@ def test_an_equilibrium_is_a_minimum_of_an_energy_in_numpy(name, outline):
     assert found.fun > energy.energy(angles) - 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SCENES, "all"])
 def test_stiffness_and_motion_of_the_base_are_derivatives_of_the_moments(name):
     walls = around(name)
@@ -134,6 +136,7 @@ def past_of(before):
     return frame_of(before.walls.base) @ before.poses, states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SCENES, "all"])
 def test_a_step_with_friction_is_in_balance_and_its_stiffness_a_derivative(name):
     walls, steps = steps_with_friction(name, 0.4)
