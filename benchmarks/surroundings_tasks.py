@@ -5,8 +5,9 @@
 
 Episodes with the seeds 9,100,000 and up, which no training uses, all side by side. A controller that is told what no
 instrument sees is marked with a star. --tune tries their gains in other episodes. --film FILE.gif writes an animation
-of the first episode of the last controller, --picture FILE.png its last step; --seed N: of another episode. --draws
-prints the processor time of drawing an episode alone.
+of the first episode of the last controller, --picture FILE.png its last step; --seed N: of another episode. --tuning
+plays the episodes of --tune, on which policies are chosen, too. --draws prints the processor time of drawing an episode
+alone.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from agents.controllers.among_walls import (
     WallController,
     WayFromAnywhere,
 )
+from agents.controllers.command_tree import CommandTree
 from agents.controllers.fitted_wall import FittedWall
 
 FIRST_SEED = 9_100_000
@@ -48,6 +50,7 @@ CONTROLLERS: dict[str, Make] = {
     "feedback, free space": partial(Feedback, aware=False),
     "feedback, contact*": partial(Feedback, aware=True),
     "plan around": PlanAround,
+    "tree of commands": CommandTree,
     "way from anywhere": WayFromAnywhere,
     "follow the leader*": FollowTheLeader,
     "fitted wall": FittedWall,
@@ -55,9 +58,16 @@ CONTROLLERS: dict[str, Make] = {
     "searched way*": SearchedWay,
 }
 UNFIT = {
-    "Lumen": ("plan around", "way from anywhere", "fitted wall", "seek the force*", "searched way*"),
+    "Lumen": (
+        "plan around",
+        "tree of commands",
+        "way from anywhere",
+        "fitted wall",
+        "seek the force*",
+        "searched way*",
+    ),
     "Obstacles": ("follow the leader*", "fitted wall", "seek the force*"),
-    "HiddenWall": ("plan around", "way from anywhere", "follow the leader*"),
+    "HiddenWall": ("plan around", "tree of commands", "way from anywhere", "follow the leader*"),
 }
 UNFIT["ObstaclesV1"] = UNFIT["Obstacles"]
 
@@ -67,6 +77,7 @@ GRIDS: dict[str, dict[str, tuple[float, ...]]] = {
     "feedback, free space": _FEEDBACK,
     "feedback, contact*": _FEEDBACK,
     "plan around": {"fast": (0.7, 1.0), "caution": (3.0, 10.0)},
+    "tree of commands": {"force": (0.3, 1.0), "towards": (0.1, 0.25, 0.5)},
     "follow the leader*": {"rate": (1.8, 2.0, 2.2), "gain": (0.4, 0.6), "relax": (0.5, 0.8)},
     "fitted wall": {"near": (0.5, 1.5, 3.0), "caution": (1.0, 2.0)},
     "seek the force*": {"gain": (0.2, 0.4, 0.8), "near": (0.3, 1.0, 2.0)},
@@ -261,6 +272,7 @@ def main() -> None:
     parser.add_argument("--noise", action="store_true", help="sensors with errors, which controllers do not have")
     parser.add_argument("--blind", action="store_true", help="no pose of any link is observed")
     parser.add_argument("--tune", action="store_true", help="try gains in other episodes, seeds 6,000,000 and up")
+    parser.add_argument("--tuning", action="store_true", help="tables of these other episodes")
     parser.add_argument("--time", action="store_true", help="also the processor time of an action, all side by side")
     parser.add_argument("--draws", action="store_true", help="only the processor time of drawing an episode")
     parser.add_argument("--film", type=Path, help="write an animation of the first episode of the last controller")
@@ -286,7 +298,7 @@ def main() -> None:
             names = [name for name in every if name in GRIDS]
             tune(Beginning(env_id, given.episodes, settings, TUNING_SEED), names)
             continue
-        beginning = Beginning(env_id, given.episodes, settings)
+        beginning = Beginning(env_id, given.episodes, settings, TUNING_SEED if given.tuning else FIRST_SEED)
         if given.mean:
             print(mean_row(family, [outcome(beginning, Policy(name)) for name in given.policy]), flush=True)
             continue

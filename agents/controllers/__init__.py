@@ -16,6 +16,7 @@ Modules:
     smoother: Jacobian feedback on the estimate of a full-information smoother.
     arm_smoother: the smoother of an arm, from the settings of its task.
     among_walls: feedback and plans in the tasks among walls.
+    command_tree: a tree of commands through the model with contact, among discs.
     fitted_wall: feedback on a hidden wall that is fitted to commands and tensions.
     privileged_feedback: Jacobian feedback on the true state.
     own_models: a controller that computes with one mechanism, where lanes have different ones.

@@ -316,7 +316,8 @@ class FollowTheLeader(WallController):
         relax: share by which links count less where the tip is at the target.
     """
 
-    reach, tip_weight, nose_weight = 10.0, 3.0, 2.0  # mm from the target; more weight of the tip there; of the nose
+    reach, nose_weight = 10.0, 2.0  # mm from the target, where the tip counts more; of the nose
+    tip_weight, onward_weight = 3.0, 0.0  # more weight of the tip there, across the line and along it
     calm, strain = (0.05, 0.3), (0.3, 0.9)  # N: walls press so hard that it no longer relaxes, and stretches
 
     def __init__(self, rate: float = 2.0, gain: float = 0.4, damping: float = 0.2, relax: float = 0.5) -> None:
@@ -335,12 +336,25 @@ class FollowTheLeader(WallController):
         stuck = (config.feed_range[1] - response.feed < 0.5 * config.feed_scale_mm) & (remaining[:, -2] > 0.0)
         rates[..., -1] *= ~stuck[:, None, None]
         across = np.einsum("bkx,bkxa->bka", normals, rates)[:, 2:]
-        forward = 3.0 * np.einsum("bx,bxa->ba", tangents[:, -2], rates[:, -2])
-        way = 3.0 * np.clip(remaining[:, -2], -self.rate, self.rate)
+        onward = 3.0 * (1.0 + self.onward_weight * near)
+        forward = onward[:, None] * np.einsum("bx,bxa->ba", tangents[:, -2], rates[:, -2])
+        way = onward * np.clip(remaining[:, -2], -self.rate, self.rate)
         way *= np.where(stuck, _below(self.strain, response.wall_force), 1.0)
         rows = np.concatenate([weights[..., None] * across, forward[:, None]], axis=1)
         wanted = np.column_stack([-self.gain * weights * offsets[:, 2:], way])
         return within(damped(rows, wanted, self.damping))
+
+
+class FirmLeader(FollowTheLeader):
+    """A FollowTheLeader for which hardly anything but the tip counts near the target, until walls press with 1 N.
+
+    It ends nearer wherever a policy has led, and presses harder: a teacher before other learners weigh force.
+    """
+
+    tip_weight, onward_weight, calm = 10.0, 2.0, (0.3, 1.0)
+
+    def __init__(self, rate: float = 2.0, gain: float = 0.4, damping: float = 0.2, relax: float = 0.9) -> None:
+        super().__init__(rate, gain, damping, relax)
 
 
 def _below(band: tuple[float, float], values: Array) -> Array:
@@ -350,7 +364,7 @@ def _below(band: tuple[float, float], values: Array) -> Array:
 
 
 TEACHERS: dict[str, dict[str, Callable[[], WallController]]] = {
-    "Lumen": {"follow the leader": FollowTheLeader},
+    "Lumen": {"follow the leader": FollowTheLeader, "firm leader": FirmLeader},
     "Obstacles": {"searched way": SearchedWay, "plan around": PlanAround, "way from anywhere": WayFromAnywhere},
     "HiddenWall": {"seek the force": SeekForce},
 }

@@ -15,4 +15,5 @@ Modules:
     recurrent: a policy with memory as a torch module, and its gradients over episodes.
     tape: records of an actor's steps, for their gradients.
     true_state: feedback on the true state.
+    walled_episodes: whole episodes in lumens, with gradients through contact.
 """

@@ -21,20 +21,26 @@ from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
 from agents.learners.learner import EpisodePlayer, base_of, native_env
 from agents.learners.policy import EpisodePolicy
+from agents.learners.walled_episodes import PlayedAmongWalls, WalledEpisodes, check_lumen
+from rj_gym.surroundings.task import SurroundingsTask
+
+_SHARPNESS = 8  # of the peak of a force: a norm of this order over all links and steps
 
 
 class APG(Distill):
-    """Analytic policy gradients on a native vector environment of a tracking task, after lessons if wanted.
+    """Analytic policy gradients on a native vector environment of a tracking task or of Lumen, after lessons if wanted.
 
     One update per episode of all lanes: the loss is the mean tip error over the last `settled_steps` steps plus
-    `whole_weight` times that over all steps. Gradients find the nearest way down; lessons of a teacher that probes for
-    the hidden state start them where probing is already known.
+    `whole_weight` times that over all steps. In lumens, where 3 mm are too far, half the mean square of the settled
+    errors takes its place, and the peak force of the walls is added. Gradients find the nearest way down; lessons of a
+    teacher that probes for the hidden state start them where probing is already known.
 
     Args:
         policy: as of EpisodeLearner. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
         settled_steps: steps at the end of an episode that count most.
         whole_weight: weight of the whole episode.
+        force_weight: of the mean over episodes of the peak of the walls' force on a link, in lumens [mm²/N].
         estimate_weight: weight of the error with which a linear readout of the memory estimates the hidden state [mm]:
             it teaches the memory its contents. The readout is not part of the policy.
         lane_gradient: see DifferentiableEpisodes.
@@ -54,6 +60,7 @@ class APG(Distill):
         learning_rate: float | Schedule = 1e-3,
         settled_steps: int = 10,
         whole_weight: float = 0.1,
+        force_weight: float = 1.0,
         estimate_weight: float = 0.0,
         lane_gradient: float | None = 2.0,
         max_grad_norm: float = 0.5,
@@ -70,11 +77,17 @@ class APG(Distill):
         **common: Any,
     ) -> None:
         self.settled_steps, self.whole_weight, self.estimate_weight = settled_steps, whole_weight, estimate_weight
-        self.lane_gradient, self.lessons_rate = lane_gradient, lessons_rate
+        self.lane_gradient, self.lessons_rate, self.force_weight = lane_gradient, lessons_rate, force_weight
         super().__init__(
             policy, env, learning_rate, teacher, taught, delta, gradient_steps, batch_size, kept_rollouts, lessons,
             max_grad_norm, stats_window_size, optimizer, **common,
         )  # fmt: skip
+
+    def _setup_model(self) -> None:
+        task = None if self.env is None else native_env(self.env, among_walls=True).task
+        if isinstance(task, SurroundingsTask):
+            check_lumen(task)
+        super()._setup_model()
 
     def _setup_lr_schedule(self) -> None:
         super()._setup_lr_schedule()
@@ -82,15 +95,26 @@ class APG(Distill):
             self.lr_schedule = _RateOfLessons(FloatSchedule(self.lessons_rate), self.lessons, self.lr_schedule)
 
     def _episodes(self) -> EpisodePlayer:
-        episodes = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, base_of(self.env))
-        return episodes if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), episodes, self.has_lessons)
+        env = native_env(self.env, among_walls=True)
+        own: EpisodePlayer
+        if isinstance(env.task, SurroundingsTask):
+            own = WalledEpisodes(env, self._normalise, self.lane_gradient)
+        else:
+            own = DifferentiableEpisodes(env, self._normalise, self.lane_gradient, base_of(self.env))
+        return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
 
-    def loss(self, played: Played) -> torch.Tensor:
-        """The loss of an update [mm]."""
+    def loss(self, played: Played | PlayedAmongWalls) -> torch.Tensor:
+        """The loss of an update [mm], in lumens [mm²]."""
         counts = played.running.float()
         errors = played.errors * counts
-        settled = errors[-self.settled_steps :].sum() / counts[-self.settled_steps :].sum().clamp(min=1.0)
-        loss = settled + self.whole_weight * errors.sum() / counts.sum()
+        settled = errors[-self.settled_steps :]
+        whole = self.whole_weight * errors.sum() / counts.sum()
+        steps = counts[-self.settled_steps :].sum().clamp(min=1.0)
+        if isinstance(played, PlayedAmongWalls):
+            forces = (played.forces * counts[..., None]).transpose(1, 2).flatten(0, 1)
+            peaks = torch.linalg.vector_norm(forces, _SHARPNESS, 0)
+            return 0.5 * settled.square().sum() / steps + whole + self.force_weight * peaks.mean()
+        loss = settled.sum() / steps + whole
         if self.estimate_weight > 0.0:
             loss = loss + self.estimate_weight * self._misjudged(played)
         return loss

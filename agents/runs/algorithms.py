@@ -91,6 +91,7 @@ PARAMETERS: dict[str, dict[str, Check]] = {
         "lessons_rate": optional(schedule()),
         "settled_steps": _count,
         "whole_weight": _positive,
+        "force_weight": _positive,
         "estimate_weight": _positive,
         "lane_gradient": optional(_positive),
     },

@@ -25,7 +25,7 @@ def surroundings_observation_entries(config: SurroundingsConfig) -> list[Entry]:
     mechanism = config.mechanism
     chain = load_mechanism(mechanism, RollingChain) if isinstance(mechanism, str) else mechanism
     tension, entries = f"{config.tension_range[1]:g} N", []
-    for k in _links(config, chain):
+    for k in observed_links(config, chain):
         entries += [Entry(f"link {k} {axis}", "L", -POSITION_BOUND, POSITION_BOUND) for axis in "xy"]
         entries += [Entry(f"link {k} {what} angle", "1", -1.0, 1.0) for what in ("cos", "sin")]
     tendons = range(chain.n_tendons)
@@ -66,7 +66,7 @@ def observation_values(
     config: SurroundingsConfig, chain: RollingChain, read: Callable[[str], Array], scenes: Scenes
 ) -> Array:
     """The values of the entries in B lanes, (B, entries); `read` gives a part of their readings by name."""
-    length, links = float(chain.length), _links(config, chain)
+    length, links = float(chain.length), observed_links(config, chain)
     poses, tensions, push, feed = read("poses").copy(), read("tensions"), read("insertion_force"), read("feed")
     poses[..., 1] -= feed[:, None]
     if scenes.noise.size:
@@ -101,7 +101,7 @@ def observation_values(
     return np.concatenate([part.reshape(len(feed), -1) for part in parts], axis=1)
 
 
-def _links(config: SurroundingsConfig, chain: RollingChain) -> list[int]:
+def observed_links(config: SurroundingsConfig, chain: RollingChain) -> list[int]:
     """The links with an observed pose."""
     return {"all": list(range(1, chain.n_links)), "tip": [chain.n_links - 1], "none": []}[config.poses]
 

@@ -43,6 +43,7 @@ class Response(NamedTuple):
     wall_force: Array  # largest normal force of any contact, (B,) N
     pose_rates: Array  # d poses / d action, (B, n, 3, a)
     free_tip_rates: Array  # d tip / d action without the walls at this pose and these tensions, (B, 2, a)
+    solution: Any  # the equilibria, poses in the frame of the base; its arrays are read-only
 
     @property
     def tip(self) -> Array:
@@ -182,7 +183,8 @@ class SurroundingsTask(Task):
         commands = unstretched_length(solution.lengths, solution.tensions, self.mechanism.stiffnesses)
         free_rates = self._pose_rates(free)
         rates = free_rates if free is solution else self._pose_rates(solution)
-        return Response(poses, scenes, commands, feed.copy(), self.forces(solution), rates, free_rates[:, -1, :2])
+        forces = self.forces(solution)
+        return Response(poses, scenes, commands, feed.copy(), forces, rates, free_rates[:, -1, :2], solution)
 
     def _pose_rates(self, solution: Any) -> Array:
         """d poses in the frame of the base at the start / d action, (B, n, 3, a)."""

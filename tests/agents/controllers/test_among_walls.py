@@ -12,6 +12,7 @@ import rj_gym  # noqa: F401
 from agents.controllers.among_walls import (
     TEACHERS,
     Feedback,
+    FirmLeader,
     FollowTheLeader,
     PlanAround,
     WallController,
@@ -19,6 +20,7 @@ from agents.controllers.among_walls import (
     _neighbours,
     _paced,
 )
+from agents.controllers.command_tree import CommandTree
 from agents.controllers.fitted_wall import FittedWall
 from rj_gym import SURROUNDINGS_IDS
 from rollingjoint import Disc
@@ -62,6 +64,15 @@ def test_a_way_leads_from_where_other_actions_have_led() -> None:
     assert infos["success"].all()
 
 
+def test_a_tree_of_commands_leads_around_a_disc_without_much_force() -> None:
+    discs = [Disc((-18.0, 83.5), 4.5, stiffness=2.0), Disc((50.5, 68.6), 5.4, stiffness=2.0)]
+    options = {"discs": discs, "target": (-29.7, 71.9)}
+    infos = ended("rj_gym/Obstacles-v0", CommandTree(), options)
+    assert infos["success"][0] and infos["peak_wall_force"][0] < 0.4
+    none = ended("rj_gym/Obstacles-v0", CommandTree(nodes=1), options)
+    assert not none["success"][0]
+
+
 def test_a_way_is_gone_at_its_pace_and_to_its_end() -> None:
     places = np.array([[0.0, 0.0], [1.0, -2.5], [1.0, -2.5], [4.0, 0.0]])
     steps = _paced(places, 0.7)
@@ -79,6 +90,15 @@ def test_the_leader_stretches_where_the_base_has_come_to_its_end() -> None:
     """A target 1 mm beyond the base's reach: it is approached without strain."""
     infos = ended("rj_gym/Lumen-v0", FollowTheLeader(), {"depth": 66.0}, families=["gentle"])
     assert infos["feed"][0] > 70.0 and infos["success"][0] and infos["peak_wall_force"][0] < 0.9
+
+
+def test_the_firm_leader_ends_nearer_the_target_and_presses_harder() -> None:
+    usual, firm = (
+        ended("rj_gym/Lumen-v0", controller, {}, lanes=12, families=["gentle"])
+        for controller in (FollowTheLeader(), FirmLeader())
+    )
+    assert firm["error_mm"].mean() < 0.7 * usual["error_mm"].mean()
+    assert firm["success"].all() and firm["peak_wall_force"].mean() > usual["peak_wall_force"].mean()
 
 
 @pytest.mark.slow

@@ -84,7 +84,7 @@ def test_ways_around_discs_are_learnt_and_the_shipped_policy_goes_them() -> None
     [
         (("Lumen-v0", "seek the force"), "teacher.*follow the leader"),
         (("Lumen-v0", None), "env.*among walls distill has to be told its teacher"),
-        (("Lumen-v0", None, "apg"), "env.*among walls distill has to be told its teacher"),
+        (("HiddenWall-v0", None, "apg"), "env.*rj_gym/Lumen-v0 among the tasks among walls"),
     ],
 )
 def test_other_teachers_and_learners_are_refused(settings: Any, match: str) -> None:

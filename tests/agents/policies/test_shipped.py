@@ -121,7 +121,7 @@ print(info["error_mm"] < 1, truncated, sorted({"torch", "stable_baselines3", "pi
 
 def test_a_policy_in_a_terminal_is_one_line():
     policy = load_policy("lumen")
-    assert repr(policy) == f"<ShippedPolicy 'lumen' for {policy.env_id}: distill, feedforward, 48 - 128 - 128 - 5>"
+    assert repr(policy) == f"<ShippedPolicy 'lumen' for {policy.env_id}: apg, feedforward, 48 - 128 - 128 - 5>"
 
 
 def test_policy_that_was_never_scored_cannot_be_scored_again():
