@@ -28,7 +28,7 @@ class Tree(NamedTuple):
     before: Rows
     steps: Rows
     distances: Array
-    passed: Array
+    legs: Array
 
 
 class CommandTree(PlanAround):
@@ -74,15 +74,15 @@ class CommandTree(PlanAround):
         """Commands of every step of the way to the node whose tip is nearest to the target, (steps, m)."""
         task = envs.task
         start = task.at_rest(walls, task.rest[None])
-        passed = np.repeat(task.rest[None, None], self.hop, axis=1)
-        tree = Tree(start, np.array([-1]), np.array([0]), np.hypot(*(start.tip - target).T), passed)
+        legs = np.repeat(task.rest[None, None], self.hop, axis=1)
+        tree = Tree(start, np.array([-1]), np.array([0]), np.hypot(*(start.tip - target).T), legs)
         while len(tree.distances) < self.nodes and tree.distances.min() > self.near:
             fresh = self._grown(envs, walls, target, tree, self._samples(task, near, rng))
             parts = zip(tree[1:], fresh[1:], strict=True)
             tree = Tree(_joined([tree.solution, fresh.solution]), *(np.concatenate(part) for part in parts))
         node, way = int(tree.distances.argmin()), list[Array]()
         while node >= 0:
-            way.insert(0, tree.passed[node])
+            way.insert(0, tree.legs[node])
             node = int(tree.before[node])
         return np.concatenate(way[1:] or way)
 
@@ -103,17 +103,17 @@ class CommandTree(PlanAround):
         nearest = np.where(open_ones, squares, np.inf).argmin(axis=1)
         tables = type(walls)(*(np.repeat(table, len(samples), axis=0) for table in walls))
         solution, feed = _rows(tree.solution, nearest), np.zeros(len(samples))
-        good, passed = np.ones(len(samples), bool), list[Array]()
+        good, legs = np.ones(len(samples), bool), list[Array]()
         for _ in range(self.hop):
             commands = _commands(task, solution)
-            passed.append(commands + np.clip(samples - commands, -largest, largest))
-            solution = task.solve(tables, passed[-1], feed, solution)
+            legs.append(commands + np.clip(samples - commands, -largest, largest))
+            solution = task.solve(tables, legs[-1], feed, solution)
             good &= np.asarray(solution.ok) & (task.forces(solution) <= self.force)
         good &= np.square(_commands(task, solution) - every[nearest]).sum(axis=1) > 0.05
         rows = np.flatnonzero(good)
         distances = np.hypot(*(solution.tip[rows] - target).T)
         steps, before = tree.steps[nearest[rows]] + self.hop, nearest[rows]
-        return Tree(_rows(solution, rows), before, steps, distances, np.stack(passed, 1)[rows])
+        return Tree(_rows(solution, rows), before, steps, distances, np.stack(legs, 1)[rows])
 
 
 def _commands(task: Any, solution: Any) -> Array:
@@ -141,6 +141,6 @@ def _changed(like: Any, change: Any, solutions: Sequence[Any]) -> Any:
     walls = {name: change([np.asarray(getattr(step, name)) for step in steps]) for name in names}
     memory = type(steps[0].memory)(*map(change, zip(*(step.memory for step in steps), strict=True)))
     around = replace(steps[0], which=np.zeros(len(walls["base"]), np.int64), memory=memory, **walls)
-    stored = [entry.name for entry in fields(like) if entry.name not in _APART]
-    values = {name: change([np.asarray(getattr(solution, name)) for solution in solutions]) for name in stored}
+    array_names = [entry.name for entry in fields(like) if entry.name not in _APART]
+    values = {name: change([np.asarray(getattr(solution, name)) for solution in solutions]) for name in array_names}
     return replace(like, walls=around, **values)

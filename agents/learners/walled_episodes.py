@@ -83,9 +83,9 @@ class WalledEpisodes:
         alive = np.ones(env.num_envs, bool)
         errors, forces, running = [], [], []
         for _ in range(steps):
-            seen = self._seen(observation, state)
+            entries = self._seen(observation, state)
             mean, scale = self.normalise(observation)
-            x = ((seen - single(mean)) / single(scale)).clamp(-CLIP, CLIP)
+            x = ((entries - single(mean)) / single(scale)).clamp(-CLIP, CLIP)
             answer, memory = actor(x, memory)
             if answer.requires_grad and self.lane_gradient is not None:
                 answer.register_hook(self._bounded)
@@ -145,8 +145,8 @@ def observed(task: LumenTask, state: WallsState) -> torch.Tensor:
     length, links = float(mechanism.length), observed_links(config, mechanism)
     x, y, turn = state.poses.unbind(-1)
     cos, sin = turn.cos(), turn.sin()
-    seen = torch.stack([x / length, y / length, cos, sin], -1)[:, links].flatten(1)
-    parts = [seen, (state.commands - single(mechanism.neutral_lengths)) / COMMAND_MM]
+    pose_entries = torch.stack([x / length, y / length, cos, sin], -1)[:, links].flatten(1)
+    parts = [pose_entries, (state.commands - single(mechanism.neutral_lengths)) / COMMAND_MM]
     parts.append(state.tensions / config.tension_range[1])
     parts += [state.feed / config.feed_range[1], state.push / FORCE_N, state.target / length]
     if config.poses != POSES[-1]:
