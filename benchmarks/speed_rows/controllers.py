@@ -25,12 +25,12 @@ from speed_rows.sizes import LEFT_OUT, Sizes
 TITLE = "Controllers"
 ONCE = True
 TEXT = """Processor seconds of one core until a policy's error is within 20 % of the best known, evaluations left out:
-the shipped recipes (`rj train apg_fixed_target` and so on, of lumens `distill_lumen`), and Stable-Baselines3's PPO with
-its defaults and 16 lanes. The best known is the smallest mean error over the last 10 steps in the test episodes of
-[results.md](results.md), of all controllers without privilege; of lumens, which are not on that page, the error of the
-shipped policy in the validation episodes. Errors below 0.01 mm are as good as that. A policy is scored on the recipe's
-validation episodes after every twentieth of its steps. One that does not get there has no value; a training that takes
-longer than its sample says ends."""
+the shipped recipes (`rj train apg_fixed_target` and so on), and Stable-Baselines3's PPO with its defaults and 16 lanes.
+The best known is the smallest mean error over the last 10 steps in the test episodes of [results.md](results.md), of
+all controllers without privilege; of lumens, which are not on that page, the error of the shipped policy in the
+validation episodes. Errors below 0.01 mm are as good as that. A policy is scored on the recipe's validation episodes
+after every twentieth of its steps. One that does not get there has no value; a training that takes longer than its
+sample says ends."""
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS = {
@@ -41,7 +41,7 @@ TASKS = {
     "instrument": 180.0,
     "lumen": 600.0,
 }  # s
-DISTILLED = ("lumen",)
+AMONG_WALLS = ("lumen",)  # not on the results page
 WITHIN, SMALL_MM, EVALUATIONS = 1.2, 0.01, 20
 PLAIN = (
     "algorithm=ppo", "parameters={}", "policy={}", "normalise={observation: false, reward: false}", "env.n_envs=16",
@@ -52,8 +52,8 @@ PLAIN = (
 def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section."""
     for task, bound in TASKS.items():
-        path = ROOT / f"configs/train/{'distill' if task in DISTILLED else 'apg'}_{task}.yaml"
-        best = shipped_error(task, load_config(path)) if task in DISTILLED else best_known(task)
+        path = ROOT / f"configs/train/apg_{task}.yaml"
+        best = shipped_error(task, load_config(path)) if task in AMONG_WALLS else best_known(task)
         what, goal = f"{task}, to {max(WITHIN * best, SMALL_MM):.3g} mm", max(WITHIN * best, SMALL_MM)
         target = None if bound is None else Target(bound)
         if not sizes.minutes:
