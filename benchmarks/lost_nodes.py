@@ -105,15 +105,7 @@ def main() -> None:
             equal = "yes" if work.results(there) == work.results(here) else "**no**"
             rows.append([work.name, str(work.units), str(killed), str(again), f"{seconds:.0f}", f"{alone:.0f}", equal])
             print(rows[-1], flush=True)
-    head = [
-        "what",
-        "units",
-        "nodes lost",
-        "units tried again",
-        "wall [s]",
-        "two local processes [s]",
-        "equal to the bit",
-    ]
+    head = ["what", "units", "nodes lost", "tried again", "wall [s]", "two local processes [s]", "equal to the bit"]
     print(markdown_table(head, rows))
 
 

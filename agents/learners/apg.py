@@ -23,6 +23,7 @@ from agents.learners.learner import EpisodePlayer, base_of, native_env
 from agents.learners.policy import EpisodePolicy
 from agents.learners.walled_episodes import PlayedAmongWalls, WalledEpisodes, check_lumen
 from rj_gym.surroundings.task import SurroundingsTask
+from rollingjoint.errors import ConfigError
 
 _SHARPNESS = 8  # of the peak of a force: a norm of this order over all links and steps
 
@@ -31,9 +32,9 @@ class APG(Distill):
     """Analytic policy gradients on a native vector environment of a tracking task or of Lumen, after lessons if wanted.
 
     One update per episode of all lanes: the loss is the mean tip error over the last `settled_steps` steps plus
-    `whole_weight` times that over all steps. In lumens, where 3 mm are too far, half the mean square of the settled
-    errors takes its place, and the peak force of the walls is added. Gradients find the nearest way down; lessons of a
-    teacher that probes for the hidden state start them where probing is already known.
+    `whole_weight` times that over all steps. In lumens half the mean square of the settled errors takes the place of
+    their mean, since an end 3 mm off is a failure, and the peak force of the walls is added. Gradients find the nearest
+    way down; lessons of a teacher that probes for the hidden state start them where probing is already known.
 
     Args:
         policy: as of EpisodeLearner. env: a native vector environment of rj_gym, in the wrappers of SB3.
@@ -87,6 +88,8 @@ class APG(Distill):
         task = None if self.env is None else native_env(self.env, among_walls=True).task
         if isinstance(task, SurroundingsTask):
             check_lumen(task)
+            if self.estimate_weight > 0.0:
+                raise ConfigError("parameters.estimate_weight", self.estimate_weight, "0 among walls")
         super()._setup_model()
 
     def _setup_lr_schedule(self) -> None:

@@ -139,7 +139,12 @@ def _command(arguments: argparse.Namespace) -> int:
         content: Any = read_yaml(arguments.output) if arguments.output.is_file() else {}
         stored = content.setdefault(world, {})
         if name not in stored and (tries == 0 or arguments.near):
-            raise ConfigError("--controller", name, f"one of {list(stored)}", "It has not been tuned.")
+            raise ConfigError(
+                "--controller",
+                name,
+                f"one of {list(stored)}",
+                "It has not been tuned: leave out --near, with --tries 1 or more.",
+            )
         if tries > 0:
             near = stored[name]["settings"] if arguments.near else None
             result = tune(env, tunable[name], tries, episodes, arguments.seed, _say, near)

@@ -345,9 +345,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             return mechanisms.get_state(), designs
         if len(mechanisms) == 1 and mechanisms[0] is self.task.mechanism:
             return None, designs
-        used, designs = np.unique(
-            designs, return_inverse=True
-        )  # others are known, and may be more than there are lanes
+        used, designs = np.unique(designs, return_inverse=True)  # of those known, which may be more than lanes
         own = [mechanisms[design] for design in used.tolist()]
         return [mechanism_to_dict(mechanism) | {"name": mechanism.name} for mechanism in own], designs
 

@@ -103,27 +103,24 @@ class LaneSolver:
         if revise is None:
             (self._steps or self.alone).solve_the_rest(first, last)
             return
-        if self._steps is None:
-            self.alone.solve_the_rest(first, last)
-        else:
-            self._steps(first, last)
+        solve: Range = self._steps or self.alone.solve_the_rest
+        again: Range = self.alone.solve_the_rest if self._steps is None else self._step_pending
+        solve(first, last)
         for _ in range(REVISIONS):
             if not revise(first, last):
                 break
-            if self._steps is None:
-                self.alone.solve_the_rest(first, last)
-            else:
-                self._step_pending(self._steps, first, last)
+            again(first, last)
         if self._steps is not None:
             self._steps.keep(first, last)
 
-    def _step_pending(self, step: Range, first: int, last: int) -> None:
+    def _step_pending(self, first: int, last: int) -> None:
         """Take the steps of the PENDING ones among these lanes anew; others beside them end where they did."""
+        assert self._steps is not None
         side_by_side = WIDTH if self.starts.shape[1] <= self._kernels.most_with_friction else 1
         for lane in (first + np.flatnonzero(self.results.status[first:last] == PENDING)).tolist():
             if lane >= first:
                 first = min(lane + side_by_side, last)
-                step(lane, first)
+                self._steps(lane, first)
 
     def solve_at(self, tensions: Array, forces: Array | float = 0.0) -> None:
         """Solve the first lanes under tensions (count, m) and forces (count, d), from their neutral poses."""

@@ -95,6 +95,14 @@ def test_a_policy_in_lumens_follows_the_gradient() -> None:
     close(model)
 
 
+def test_a_readout_of_the_hidden_state_is_refused() -> None:
+    model = build_model(settings())
+    model.estimate_weight = 0.1
+    with pytest.raises(ConfigError, match=r"parameters.estimate_weight = 0.1: expected 0 among walls"):
+        model._setup_model()
+    close(model)
+
+
 def test_the_loss_is_half_the_square_of_settled_errors_and_the_peak_force() -> None:
     model = build_model(settings())
     model.settled_steps, model.whole_weight, model.force_weight = 2, 0.1, 0.5
