@@ -5,6 +5,7 @@
     python benchmarks/generalist.py --run generalist --run runs/2  # several trainings, and how much they differ
     python benchmarks/generalist.py --blind --run runs/blind       # mechanisms whose tip is not seen
     python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
+    python benchmarks/generalist.py --lost                         # why episodes end far from their target
     python benchmarks/generalist.py --film docs/images/generalist.gif
     python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
 
@@ -33,6 +34,7 @@ from scipy import stats
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers
+from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film, run_with_options
 from agents.policies.trained import load_driving
@@ -50,7 +52,8 @@ SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
 BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
 TO_CHOOSE, TO_TEST = 1_000_000, 2_000_000  # first design
 TOGETHER = 25  # designs side by side
-LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
+LOST = 5.0  # mm: of most episodes with a larger error the floor is larger, too (--lost)
+LONGER = 75  # steps
 TOLD = "Jacobian feedback, told the design"
 BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
 
@@ -107,11 +110,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--choose", action="store_true", help="on the designs and seeds to choose on")
     parser.add_argument("--designs", type=int, default=200)
     parser.add_argument("--episodes", type=int, default=10, help="of each design")
+    parser.add_argument("--first", type=int, help="first design, in place of that of the range")
     parser.add_argument("--only-policies", action="store_true")
+    parser.add_argument("--lost", action="store_true", help="why episodes are lost, and no other tables")
     parser.add_argument("--out", type=Path, help="a JSON file for the errors of all episodes [mm]")
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
     first, seeds = (TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (TO_TEST, MANY_TEST)
+    first = first if arguments.first is None else arguments.first
     env = BLIND if arguments.blind else SEEN
     runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
     policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
@@ -123,6 +129,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(beside_specialists(env, controllers, arguments.specialist, arguments.policy, arguments.episodes, seeds))
         return 0
     designs = list(range(first, first + arguments.designs))
+    if arguments.lost:
+        controllers |= {} if arguments.blind else {TOLD: JacobianFeedback()}
+        print(why_lost(env, controllers, designs, arguments.episodes, seeds.start))
+        return 0
     if not arguments.only_policies:
         controllers |= opponents(arguments.blind)
     errors = {
@@ -162,10 +172,48 @@ def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], ep
     for first in range(0, len(designs), TOGETHER):
         block = designs[first : first + TOGETHER]
         options = [fixed for design in block for fixed in [{"design": design}] * episodes]
-        seeds = [seed + (design % TO_CHOOSE) * episodes + each for design in block for each in range(episodes)]
+        seeds = [each for design in block for each in seeds_of(design, episodes, seed)]
         driven = run_with_options(env, controller, seeds, options)
         blocks.append(driven.last_errors.mean(axis=1).reshape(len(block), episodes))
     return np.concatenate(blocks)
+
+
+def seeds_of(design: int, episodes: int, seed: int) -> list[int]:
+    """Seeds of the episodes of a design, where those of a range begin at `seed`."""
+    return [seed + (design % TO_CHOOSE) * episodes + each for each in range(episodes)]
+
+
+def why_lost(
+    env: EnvConfig, controllers: dict[str, Controller], designs: Sequence[int], episodes: int, seed: int
+) -> str:
+    """A row per controller: how many of its lost episodes no command saves, and how many others `generalist` saves.
+
+    It sees the tip; a longer episode is the same one, with more steps.
+    """
+    floors = np.array([_floors(env, design, seeds_of(design, episodes, seed)) for design in designs])
+    beyond = floors > LOST
+    longer = replace(SEEN, settings={"episode_steps": LONGER})
+    saved = [errors_of(world, load_policy("generalist"), designs, episodes, seed) <= LOST for world in (SEEN, longer)]
+    rows = []
+    for name, controller in controllers.items():
+        lost = errors_of(env, controller, designs, episodes, seed) > LOST
+        rest = lost & ~beyond
+        counts = lost, lost & beyond, rest & saved[0], rest & ~saved[0] & saved[1], rest & ~saved[0] & ~saved[1]
+        rows.append([name, *(str(each.sum()) for each in counts)])
+    header = [
+        f"of {floors.size} episodes",
+        f"above {LOST:g} mm",
+        "the floor, too",
+        "generalist is not",
+        f"not after {LONGER} steps",
+        "others",
+    ]
+    return f"mean floor {interval(floors)} mm\n{markdown_table(header, rows)}"
+
+
+def _floors(env: EnvConfig, design: int, seeds: Sequence[int]) -> Errors:
+    own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})
+    return episode_floor(own, seeds).errors
 
 
 def table(errors: dict[str, Errors]) -> str:

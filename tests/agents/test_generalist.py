@@ -76,4 +76,5 @@ def test_the_commands_of_the_page_run(tmp_path, monkeypatch, no_pictures):
     for command in (commands[2], commands[4], commands[6]):
         _, _, *arguments = shlex.split(command)
         assert module.main([*arguments, "--designs", "6", "--episodes", "1"]) == 0
+    assert module.main(["--lost", "--designs", "2", "--episodes", "1"]) == 0
     sys.modules.pop("generalist_benchmark")
