@@ -17,7 +17,6 @@ from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.tangent import Tangent
-from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.compiled import Pinned, machine_code
 from rollingjoint.errors import InvalidInput
 
@@ -34,8 +33,8 @@ class _Known:
     """Mechanisms with the same number of links that have been drawn, in one tuple that only grows while it can."""
 
     def __init__(self) -> None:
-        self.mechanisms: tuple[RollingChain, ...] = ()
-        self._places: dict[RollingChain, int] = {}
+        self.mechanisms: tuple[Any, ...] = ()
+        self._places: dict[Any, int] = {}
 
     def chosen(self, designs: Sequence[DrawnDesign], options: TrackingOptions) -> Chosen:
         """Episodes with these designs."""
