@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from rj_gym.core.settings import Settings
 from rj_gym.many.designs import MOST_LINKS, DrawnDesigns, plain_space
-from rj_gym.tracking.config import ArmTargetConfig, FrictionConfig, PitchYawConfig, TaskConfig, TrackingConfig
+from rj_gym.tracking.config import ArmTargetConfig, FrictionConfig, PayloadConfig, PitchYawConfig, TaskConfig, TrackingConfig
 from rj_gym.tracking.terms import Terms
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError
@@ -158,6 +158,7 @@ class ManyMechanismsInSpaceConfig(ManyMechanismsSettings, PitchYawConfig):
     SPREADS: ClassVar[tuple[str, ...]] = ("stiffness_spread", "hinge_stiffness_spread", "weight_spread")
     _NESTED: ClassVar[dict[str, type[Settings]]] = PitchYawConfig._NESTED | {"mechanisms": MechanismsInSpaceConfig}
     mechanism: Any = ""
+    load: PayloadConfig = field(default_factory=lambda: PayloadConfig(magnitude=(0.0, 1.0)))
     target: ArmTargetConfig = field(default_factory=lambda: ArmTargetConfig(tension_range=(2.0, 8.0), loaded=True))
     mechanisms: MechanismsInSpaceConfig = field(default_factory=MechanismsInSpaceConfig)
 

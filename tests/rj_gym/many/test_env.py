@@ -52,7 +52,7 @@ def one_like(lane_seed: int, design, settings, env_id: str = ID):
     """RollingJoint or PitchYaw with the mechanism of a design, and the random numbers of a lane behind its first."""
     settings = {k: v for k, v in settings.items() if k != "mechanisms"}
     if env_id == IN_SPACE:
-        settings = {"target": {"loaded": True}, **settings}
+        settings = {"target": {"loaded": True}, "load": {"magnitude": (0.0, 1.0)}, **settings}
     env = gymnasium.make(ONE[env_id], mechanism=design.mechanism, **settings).unwrapped
     generator = seeding.np_random(lane_seed)[0]
     generator.random()
