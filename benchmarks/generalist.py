@@ -13,7 +13,7 @@ the target. The error of an episode is the mean tip error over its last 10 steps
 over designs. Jacobian feedback and open loop are told every design exactly. The specialist is the shipped policy of
 fixed_target, which was trained on five_link; it can read the observations of designs with five links alone. Where the
 tip is not seen, opponents are told either every design exactly, or the number of its links: they take it for the plain
-chain of the space. Filter and smoother have the settings that were tuned on rj_gym/Instrument-v0.
+chain of the space. Their settings were tuned on other designs of the same space, those of either kind apart.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,23 +31,21 @@ from scipy import stats
 
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
-from agents.controllers.tuned import tuned_controllers
+from agents.controllers.tuned import tuned_controllers, world_of
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film, run_with_options
 from agents.policies.trained import load_driving
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from agents.runs.seeds import MANY_TEST, MANY_VALIDATION
+from agents.runs.seeds import DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST, MANY_TEST, MANY_VALIDATION
 from agents.shipped import load_policy
 from rj_gym import MechanismsConfig
-from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.tables import markdown_table
 
 Errors = NDArray[np.float64]
 
 SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
 BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
-TO_CHOOSE, TO_TEST = 1_000_000, 2_000_000  # first design
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
 TOLD = "Jacobian feedback, told the design"
@@ -66,35 +63,15 @@ class Specialist(Controller):
         return self.policy(observations)
 
 
-class Nominal(Controller):
-    """A controller that takes every mechanism for the plain chain of the space with as many links."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-
-    def bind(self, task: Any) -> None:
-        """Take over the task, with the plain chain in place of its mechanism."""
-        super().bind(task)
-        plain = MechanismsConfig().drawn.reference(task.mechanism.n_links)
-        self.controller.bind(PlanarTask(replace(task.config, mechanism=plain)))
-
-    def reset(self, mask: Any) -> None:
-        """Begin episodes, (B,)."""
-        self.controller.reset(mask)
-
-    def act(self, observations: Any) -> Any:
-        """The actions of the controller, (B, m)."""
-        return self.controller.act(observations)
-
-
 def opponents(blind: bool) -> dict[str, Controller]:
     """Controllers with models, by name."""
     if not blind:
         return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
-    tuned = tuned_controllers("rj_gym/Instrument-v0")
-    models = {"smoother": tuned["smoother"], "Kalman filter": tuned["kalman filter"], "open loop": OpenLoop()}
-    told = {f"{name}, told the design": model for name, model in models.items()}
-    return told | {f"{name}, told the number of links": Nominal(deepcopy(model)) for name, model in models.items()}
+    tuned, shown = tuned_controllers(world_of(BLIND)), {"kalman filter": "Kalman filter"}
+    models = ("smoother", "kalman filter", "open loop")
+    told = {f"{shown.get(name, name)}, told the design": tuned[name] for name in models}
+    nominal = {f"{shown.get(name, name)}, told the number of links": tuned[f"nominal {name}"] for name in models}
+    return told | nominal
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -111,18 +88,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="a JSON file for the errors of all episodes [mm]")
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
-    first, seeds = (TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (TO_TEST, MANY_TEST)
+    numbers, seeds = (DESIGNS_TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (DESIGNS_TO_TEST, MANY_TEST)
     env = BLIND if arguments.blind else SEEN
     runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
     policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
     if arguments.film:
-        arguments.film.write_bytes(filmed(env, next(iter(policies.values())), first))
+        arguments.film.write_bytes(filmed(env, next(iter(policies.values())), numbers.start))
         return 0
     controllers: dict[str, Controller] = dict(policies)
     if arguments.specialist:
         print(beside_specialists(env, controllers, arguments.specialist, arguments.policy, arguments.episodes, seeds))
         return 0
-    designs = list(range(first, first + arguments.designs))
+    designs = list(numbers[: arguments.designs])
     if not arguments.only_policies:
         controllers |= opponents(arguments.blind)
     errors = {
@@ -162,7 +139,8 @@ def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], ep
     for first in range(0, len(designs), TOGETHER):
         block = designs[first : first + TOGETHER]
         options = [fixed for design in block for fixed in [{"design": design}] * episodes]
-        seeds = [seed + (design % TO_CHOOSE) * episodes + each for design in block for each in range(episodes)]
+        starts = [seed + design % DESIGNS_TO_CHOOSE.start * episodes for design in block]
+        seeds = [start + each for start in starts for each in range(episodes)]
         driven = run_with_options(env, controller, seeds, options)
         blocks.append(driven.last_errors.mean(axis=1).reshape(len(block), episodes))
     return np.concatenate(blocks)

@@ -1,14 +1,17 @@
-"""A controller that computes with the model of one mechanism, where every lane has its own."""
+"""A controller that computes with the model of one mechanism where every lane has its own: told it, or not."""
 
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Array, Controller, Mask
+from rj_gym.many.config import MechanismsConfig
+from rj_gym.tracking.planar import PlanarTask
 
 
 class OwnModels(Controller):
@@ -53,6 +56,31 @@ class OwnModels(Controller):
             rows = np.array(lanes)
             actions[rows] = copy.act(self.task.own_observations(_rows(observations, rows), design.n_links))
         return actions
+
+
+class Nominal(Controller):
+    """A controller that takes every mechanism for the plain chain of the space with as many links.
+
+    Args:
+        controller: not bound yet.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+
+    def bind(self, task: Any) -> None:
+        """Take over the task, with the plain chain in place of its mechanism."""
+        super().bind(task)
+        plain = MechanismsConfig().drawn.reference(task.mechanism.n_links)
+        self.controller.bind(PlanarTask(replace(task.config, mechanism=plain)))
+
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,)."""
+        self.controller.reset(mask)
+
+    def act(self, observations: Any) -> Array:
+        """The actions of the controller, (B, m)."""
+        return self.controller.act(observations)
 
 
 def with_own_models(controller: Controller, envs: Any) -> Controller:
