@@ -7,6 +7,7 @@
     python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
     python benchmarks/generalist.py --film docs/images/generalist.gif
     python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
+    python benchmarks/generalist.py --space                        # mechanisms in space; with --blind, too
 
 Every design has the same number of episodes, with the same seeds for every controller: load, link and the tensions of
 the target. The error of an episode is the mean tip error over its last 10 steps. Intervals are 95 %, by a bootstrap
@@ -39,13 +40,13 @@ from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from agents.runs.seeds import DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST, MANY_TEST, MANY_VALIDATION
 from agents.shipped import load_policy
-from rj_gym import MechanismsConfig
+from rj_gym.many.designs import DrawnDesigns
 from rollingjoint.tables import markdown_table
 
 Errors = NDArray[np.float64]
 
-SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
-BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
+PLANE, SPACE = (EnvConfig(f"rj_gym/ManyMechanisms{where}-v0") for where in ("", "InSpace"))
+HIDDEN = {"sensing": {"pose": "none", "tension_noise": 0.1}}  # as configs/env/generalist_blind.yaml
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
 TOLD = "Jacobian feedback, told the design"
@@ -63,11 +64,11 @@ class Specialist(Controller):
         return self.policy(observations)
 
 
-def opponents(blind: bool) -> dict[str, Controller]:
+def opponents(env: EnvConfig, blind: bool) -> dict[str, Controller]:
     """Controllers with models, by name."""
     if not blind:
         return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
-    tuned, shown = tuned_controllers(world_of(BLIND)), {"kalman filter": "Kalman filter"}
+    tuned, shown = tuned_controllers(world_of(env)), {"kalman filter": "Kalman filter"}
     models = ("smoother", "kalman filter", "open loop")
     told = {f"{shown.get(name, name)}, told the design": tuned[name] for name in models}
     nominal = {f"{shown.get(name, name)}, told the number of links": tuned[f"nominal {name}"] for name in models}
@@ -80,6 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--run", action="append", default=[], help="run folders or shipped policies; default: shipped")
     parser.add_argument("--policy", default="best", help="of the runs: best or last")
     parser.add_argument("--blind", action="store_true", help="the tip is not seen")
+    parser.add_argument("--space", action="store_true", help="mechanisms in space")
     parser.add_argument("--specialist", type=Path, action="append", default=[], help="run folders, each of one design")
     parser.add_argument("--choose", action="store_true", help="on the designs and seeds to choose on")
     parser.add_argument("--designs", type=int, default=200)
@@ -89,8 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
     numbers, seeds = (DESIGNS_TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (DESIGNS_TO_TEST, MANY_TEST)
-    env = BLIND if arguments.blind else SEEN
-    runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
+    env = SPACE if arguments.space else PLANE
+    env = replace(env, settings=HIDDEN) if arguments.blind else env
+    own = "generalist" + ("_space" if arguments.space else "") + ("_blind" if arguments.blind else "")
+    runs = arguments.run or [own]
     policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
     if arguments.film:
         arguments.film.write_bytes(filmed(env, next(iter(policies.values())), numbers.start))
@@ -101,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     designs = list(numbers[: arguments.designs])
     if not arguments.only_policies:
-        controllers |= opponents(arguments.blind)
+        controllers |= opponents(env, arguments.blind)
     errors = {
         name: errors_of(env, each, designs, arguments.episodes, seeds.start) for name, each in controllers.items()
     }
@@ -112,12 +116,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         for name in policies:
             for against in BLIND_TOLD if arguments.blind else (TOLD,):
                 print(compared(name, errors[name], against, errors[against]))
-        print(by_size(errors, designs))
-    if not arguments.only_policies and not arguments.blind:
-        five = np.array([links(design) == 5 for design in designs])
-        own = [design for design, is_five in zip(designs, five, strict=True) if is_five]
-        alone = errors_of(env, Specialist("fixed_target"), own, arguments.episodes, seeds.start)
-        print(f"\n{len(own)} designs with five links: the specialist of five_link has {interval(alone)} mm")
+        print(by_size(env, errors, designs))
+    if not arguments.only_policies and not arguments.blind and not arguments.space:
+        five = [design for design in designs if links(env, design) == 5]
+        alone = errors_of(env, Specialist("fixed_target"), five, arguments.episodes, seeds.start)
+        print(f"\n{len(five)} designs with five links: the specialist of five_link has {interval(alone)} mm")
     if arguments.out:
         arguments.out.write_text(json.dumps({name: each.round(5).tolist() for name, each in errors.items()}))
     return 0
@@ -128,9 +131,15 @@ def policy_of(run: str | Path, which: str) -> Controller:
     return load_driving(RunFolder.open(Path(run)), which) if Path(run).is_dir() else load_policy(str(run))
 
 
-def links(design: int) -> int:
+def drawn(env: EnvConfig) -> DrawnDesigns:
+    """The designs of an environment."""
+    designs: DrawnDesigns = env.arguments()["config"].mechanisms.drawn
+    return designs
+
+
+def links(env: EnvConfig, design: int) -> int:
     """Number of links of a design."""
-    return MechanismsConfig().drawn[design].n_links
+    return drawn(env)[design].n_links
 
 
 def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], episodes: int, seed: int) -> Errors:
@@ -195,7 +204,7 @@ def beside_specialists(
         errors = [errors_of(env, each, [design], episodes, seeds.start) for each in drivers.values()]
         means.append([each.mean() for each in errors])
         cells = [f"{each.mean():.3f}, {np.median(each):.3f}" for each in errors]
-        rows.append([str(design), str(links(design)), *cells])
+        rows.append([str(design), str(links(env, design)), *cells])
     each, rng = np.array(means), np.random.default_rng(0)  # (specialists, drivers)
     average, drawn = each.mean(axis=0), each[rng.integers(len(each), size=(10_000, len(each)))].mean(axis=1)
     ratios = average / average[0]
@@ -219,9 +228,9 @@ def compared(name: str, errors: Errors, opponent: str, told: Errors) -> str:
     )
 
 
-def by_size(errors: dict[str, Errors], designs: Sequence[int]) -> str:
+def by_size(env: EnvConfig, errors: dict[str, Errors], designs: Sequence[int]) -> str:
     """A row per number of links: designs, and the median and mean error of every controller."""
-    sizes = np.array([links(design) for design in designs])
+    sizes = np.array([links(env, design) for design in designs])
     rows = []
     for size in np.unique(sizes):
         cells = [f"{np.median(each[sizes == size]):.3f}, {each[sizes == size].mean():.3f}" for each in errors.values()]
@@ -242,7 +251,7 @@ def filmed(env: EnvConfig, policy: Controller, first: int) -> bytes:
     """GIF of an episode with the first design of every number of links, from `first` on."""
     sizes: dict[int, int] = {}
     for design in range(first, first + 100):
-        sizes.setdefault(links(design), design)
+        sizes.setdefault(links(env, design), design)
     frames = {}
     for size, design in sorted(sizes.items()):
         own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})

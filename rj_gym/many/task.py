@@ -240,9 +240,16 @@ class ManyMechanismsTask(TrackingTask):
 
     def own_task(self, design: DrawnDesign) -> TrackingTask:
         """The task with the mechanism of a design alone, for controllers with a model; all else as here."""
-        if design.mechanism not in self._own_tasks:
-            self._own_tasks[design.mechanism] = self.one(self.config.of_one(design.mechanism))
-        return self._own_tasks[design.mechanism]
+        return self._task_of(design.mechanism)
+
+    def plain_task(self, n_links: int) -> TrackingTask:
+        """The task with the plain chain of the space with this number of links, for controllers that are told no more."""
+        return self._task_of(self.drawn.reference(n_links))
+
+    def _task_of(self, mechanism: Any) -> TrackingTask:
+        if mechanism not in self._own_tasks:
+            self._own_tasks[mechanism] = self.one(self.config.of_one(mechanism))
+        return self._own_tasks[mechanism]
 
     def own_observations(self, observations: Any, n_links: int) -> Any:
         """The observations (B, entries) of mechanisms with this number of links, as the task with one gives them."""
