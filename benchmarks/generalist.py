@@ -49,8 +49,6 @@ PLANE, SPACE = (EnvConfig(f"rj_gym/ManyMechanisms{where}-v0") for where in ("", 
 HIDDEN = {"sensing": {"pose": "none", "tension_noise": 0.1}}  # as configs/env/generalist_blind.yaml
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
-TOLD = "Jacobian feedback, told the design"
-BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
 
 
 class Specialist(Controller):
@@ -67,9 +65,9 @@ class Specialist(Controller):
 def opponents(env: EnvConfig, blind: bool) -> dict[str, Controller]:
     """Controllers with models, by name."""
     if not blind:
-        return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
+        return {"Jacobian feedback, told the design": JacobianFeedback(), "open loop, told the design": OpenLoop()}
     tuned, shown = tuned_controllers(world_of(env)), {"kalman filter": "Kalman filter"}
-    models = ("smoother", "kalman filter", "open loop")
+    models = [name for name in ("smoother", "kalman filter", "open loop") if name in tuned]
     told = {f"{shown.get(name, name)}, told the design": tuned[name] for name in models}
     nominal = {f"{shown.get(name, name)}, told the number of links": tuned[f"nominal {name}"] for name in models}
     return told | nominal
@@ -114,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(over_trainings({name: errors[name] for name in policies}))
     if not arguments.only_policies:
         for name in policies:
-            for against in BLIND_TOLD if arguments.blind else (TOLD,):
+            for against in (each for each in controllers if each not in policies):
                 print(compared(name, errors[name], against, errors[against]))
         print(by_size(env, errors, designs))
     if not arguments.only_policies and not arguments.blind and not arguments.space:
