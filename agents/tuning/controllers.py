@@ -1,6 +1,6 @@
 """Tune settings of controllers: python -m agents.tuning.controllers --world rj_gym/Instrument-v0 --tries 60.
 
-With --file configs/env/NAME.yaml in the environment with these settings. Where episodes draw their mechanisms, these are
+With --file configs/env/NAME.yaml in the environment with these settings. Where episodes draw their mechanisms, they are
 designs to choose on, hardly ever the same one twice.
 
 The first half of the tries are random settings, the others near the best so far; with --near the first is what the file
