@@ -3,9 +3,9 @@
     python benchmarks/many_mechanisms.py               # the table of docs/generalist.md
     python benchmarks/many_mechanisms.py --lanes 64    # with this number of lanes alone
 
-Every lane draws one of 64 designs in every episode. "One mechanism" is the mean over twelve of these designs, each alone
-in rj_gym/RollingJoint-v0, or rj_gym/PitchYaw-v0, with as many lanes. Episodes restart by themselves, and actions are uniform random numbers. All
-environments take turns; each counts with the least processor time of its rounds.
+Every lane draws one of 64 designs in every episode. "One mechanism" is the mean over twelve of these designs, each
+alone in rj_gym/RollingJoint-v0, or rj_gym/PitchYaw-v0, with as many lanes. Episodes restart by themselves, and actions
+are uniform random numbers. All environments take turns; each counts with the least processor time of its rounds.
 """
 
 from __future__ import annotations

@@ -9,7 +9,14 @@ from typing import Any, ClassVar
 
 from rj_gym.core.settings import Settings
 from rj_gym.many.designs import MOST_LINKS, DrawnDesigns, plain_space
-from rj_gym.tracking.config import ArmTargetConfig, FrictionConfig, PayloadConfig, PitchYawConfig, TaskConfig, TrackingConfig
+from rj_gym.tracking.config import (
+    ArmTargetConfig,
+    FrictionConfig,
+    PayloadConfig,
+    PitchYawConfig,
+    TaskConfig,
+    TrackingConfig,
+)
 from rj_gym.tracking.terms import Terms
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError

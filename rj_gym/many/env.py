@@ -47,7 +47,8 @@ class ManyMechanismsEnv(ManyDesignsEnv, RollingJointEnv):
     | joint k left, middle, right convexity | relative curvature of the surfaces of joint k, below link k, at 1/4, 1/2, 3/4 of their range | 0.1 /mm | -5 | 5 |
     | link k hole j | where tendon j enters link k, across the link | 20 mm | -5 | 5 |
 
-    They come link by link; all of links that are not there are 0.
+    They come link by link; all of links that are not there are 0. Where holes are not on surfaces, of designs around a
+    mechanism, there are "hole j x" and "hole j y", along the link, in place of "hole j".
 
     ## Start
     As RollingJointEnv; before that the mechanism is drawn, uniformly among the numbered designs of `mechanisms`.

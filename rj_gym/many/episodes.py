@@ -119,7 +119,7 @@ class _Size:
         return begins.sampled_info(draws)
 
     def step(self, actions: Array, into: int) -> None:
-        """One step with the actions of all lanes, (B, m); fills their observations among all at an address, and readings."""
+        """One step with the actions of all lanes, (B, m); fills the observations of these at an address of all."""
         count = len(self.designs)
         self.buffer.accept_first(actions[self.lanes])
         self.buffer.step_into(self._room_at, count)

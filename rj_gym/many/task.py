@@ -243,7 +243,7 @@ class ManyMechanismsTask(TrackingTask):
         return self._task_of(design.mechanism)
 
     def plain_task(self, n_links: int) -> TrackingTask:
-        """The task with the plain chain of the space with this number of links, for controllers that are told no more."""
+        """The task with the plain chain of the space with this number of links, for controllers told no more."""
         return self._task_of(self.drawn.reference(n_links))
 
     def _task_of(self, mechanism: Any) -> TrackingTask:

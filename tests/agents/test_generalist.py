@@ -72,18 +72,18 @@ def test_the_commands_of_the_page_run(tmp_path, monkeypatch, no_pictures):
         (tmp_path / name).symlink_to(Path(name).resolve())
     monkeypatch.chdir(tmp_path)
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)).splitlines()
-    assert len(commands) == 7
+    assert len(commands) == 11
     few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
-    for command in (commands[0], commands[3], commands[5]):
-        _, _, *arguments = shlex.split(command)
-        assert train.main([*arguments, *(word for one in few for word in ("--set", one))]) == 0
-    _, _, *arguments = shlex.split(commands[1])
-    assert evaluate.main([*arguments, "--episodes", "2"]) == 0
     spec = importlib.util.spec_from_file_location("generalist_benchmark", script)
     module = importlib.util.module_from_spec(spec)
     sys.modules["generalist_benchmark"] = module
     spec.loader.exec_module(module)
-    for command in (commands[2], commands[4], commands[6]):
-        _, _, *arguments = shlex.split(command)
-        assert module.main([*arguments, "--designs", "6", "--episodes", "1"]) == 0
+    short = {
+        "train": lambda words: train.main([*words, *(word for one in few for word in ("--set", one))]),
+        "evaluate": lambda words: evaluate.main([*words, "--episodes", "2"]),
+        "benchmarks/generalist.py": lambda words: module.main([*words, "--designs", "6", "--episodes", "1"]),
+    }
+    for command in commands:
+        _, name, *words = shlex.split(command)
+        assert short[name](words) == 0, command
     sys.modules.pop("generalist_benchmark")

@@ -13,7 +13,6 @@ ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "generalist.md").read_text()
 
 
-
 @pytest.mark.parametrize(
     ("config", "heading"),
     [
