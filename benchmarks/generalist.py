@@ -8,13 +8,14 @@
     python benchmarks/generalist.py --lost                         # why episodes end far from their target
     python benchmarks/generalist.py --film docs/images/generalist.gif
     python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
+    python benchmarks/generalist.py --space                        # mechanisms in space; with --blind, too
 
 Every design has the same number of episodes, with the same seeds for every controller: load, link and the tensions of
 the target. The error of an episode is the mean tip error over its last 10 steps. Intervals are 95 %, by a bootstrap
 over designs. Jacobian feedback and open loop are told every design exactly. The specialist is the shipped policy of
 fixed_target, which was trained on five_link; it can read the observations of designs with five links alone. Where the
 tip is not seen, opponents are told either every design exactly, or the number of its links: they take it for the plain
-chain of the space. Filter and smoother have the settings that were tuned on rj_gym/Instrument-v0.
+chain of the space. Their settings were tuned on other designs of the same space, those of either kind apart.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,29 +33,25 @@ from scipy import stats
 
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
-from agents.controllers.tuned import tuned_controllers
+from agents.controllers.tuned import tuned_controllers, world_of
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film, run_with_options
 from agents.policies.trained import load_driving
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from agents.runs.seeds import MANY_TEST, MANY_VALIDATION
+from agents.runs.seeds import DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST, MANY_TEST, MANY_VALIDATION
 from agents.shipped import load_policy
-from rj_gym import MechanismsConfig
-from rj_gym.tracking.planar import PlanarTask
+from rj_gym.many.designs import DrawnDesigns
 from rollingjoint.tables import markdown_table
 
 Errors = NDArray[np.float64]
 
-SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
-BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
-TO_CHOOSE, TO_TEST = 1_000_000, 2_000_000  # first design
+PLANE, SPACE = (EnvConfig(f"rj_gym/ManyMechanisms{where}-v0") for where in ("", "InSpace"))
+HIDDEN = {"sensing": {"pose": "none", "tension_noise": 0.1}}  # as configs/env/generalist_blind.yaml
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: of most episodes with a larger error the floor is larger, too (--lost)
 LONGER = 75  # steps
-TOLD = "Jacobian feedback, told the design"
-BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
 
 
 class Specialist(Controller):
@@ -69,35 +65,15 @@ class Specialist(Controller):
         return self.policy(observations)
 
 
-class Nominal(Controller):
-    """A controller that takes every mechanism for the plain chain of the space with as many links."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-
-    def bind(self, task: Any) -> None:
-        """Take over the task, with the plain chain in place of its mechanism."""
-        super().bind(task)
-        plain = MechanismsConfig().drawn.reference(task.mechanism.n_links)
-        self.controller.bind(PlanarTask(replace(task.config, mechanism=plain)))
-
-    def reset(self, mask: Any) -> None:
-        """Begin episodes, (B,)."""
-        self.controller.reset(mask)
-
-    def act(self, observations: Any) -> Any:
-        """The actions of the controller, (B, m)."""
-        return self.controller.act(observations)
-
-
-def opponents(blind: bool) -> dict[str, Controller]:
+def opponents(env: EnvConfig, blind: bool) -> dict[str, Controller]:
     """Controllers with models, by name."""
     if not blind:
-        return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
-    tuned = tuned_controllers("rj_gym/Instrument-v0")
-    models = {"smoother": tuned["smoother"], "Kalman filter": tuned["kalman filter"], "open loop": OpenLoop()}
-    told = {f"{name}, told the design": model for name, model in models.items()}
-    return told | {f"{name}, told the number of links": Nominal(deepcopy(model)) for name, model in models.items()}
+        return {"Jacobian feedback, told the design": JacobianFeedback(), "open loop, told the design": OpenLoop()}
+    tuned, shown = tuned_controllers(world_of(env)), {"kalman filter": "Kalman filter"}
+    models = [name for name in ("smoother", "kalman filter", "open loop") if name in tuned]
+    told = {f"{shown.get(name, name)}, told the design": tuned[name] for name in models}
+    nominal = {f"{shown.get(name, name)}, told the number of links": tuned[f"nominal {name}"] for name in models}
+    return told | nominal
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -106,6 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--run", action="append", default=[], help="run folders or shipped policies; default: shipped")
     parser.add_argument("--policy", default="best", help="of the runs: best or last")
     parser.add_argument("--blind", action="store_true", help="the tip is not seen")
+    parser.add_argument("--space", action="store_true", help="mechanisms in space")
     parser.add_argument("--specialist", type=Path, action="append", default=[], help="run folders, each of one design")
     parser.add_argument("--choose", action="store_true", help="on the designs and seeds to choose on")
     parser.add_argument("--designs", type=int, default=200)
@@ -116,25 +93,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="a JSON file for the errors of all episodes [mm]")
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
-    first, seeds = (TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (TO_TEST, MANY_TEST)
-    first = first if arguments.first is None else arguments.first
-    env = BLIND if arguments.blind else SEEN
-    runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
+    numbers, seeds = (DESIGNS_TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (DESIGNS_TO_TEST, MANY_TEST)
+    env = SPACE if arguments.space else PLANE
+    env = replace(env, settings=HIDDEN) if arguments.blind else env
+    seen = "generalist" + ("_space" if arguments.space else "")
+    runs = arguments.run or [seen + ("_blind" if arguments.blind else "")]
     policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
     if arguments.film:
-        arguments.film.write_bytes(filmed(env, next(iter(policies.values())), first))
+        arguments.film.write_bytes(filmed(env, next(iter(policies.values())), numbers.start))
         return 0
     controllers: dict[str, Controller] = dict(policies)
     if arguments.specialist:
         print(beside_specialists(env, controllers, arguments.specialist, arguments.policy, arguments.episodes, seeds))
         return 0
+    first = numbers.start if arguments.first is None else arguments.first
     designs = list(range(first, first + arguments.designs))
     if arguments.lost:
-        controllers |= {} if arguments.blind else {TOLD: JacobianFeedback()}
-        print(why_lost(env, controllers, designs, arguments.episodes, seeds.start))
+        controllers |= {} if arguments.blind else opponents(env, blind=False)
+        print(why_lost(env, controllers, seen, designs, arguments.episodes, seeds.start))
         return 0
     if not arguments.only_policies:
-        controllers |= opponents(arguments.blind)
+        controllers |= opponents(env, arguments.blind)
     errors = {
         name: errors_of(env, each, designs, arguments.episodes, seeds.start) for name, each in controllers.items()
     }
@@ -143,14 +122,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(over_trainings({name: errors[name] for name in policies}))
     if not arguments.only_policies:
         for name in policies:
-            for against in BLIND_TOLD if arguments.blind else (TOLD,):
+            for against in (each for each in controllers if each not in policies):
                 print(compared(name, errors[name], against, errors[against]))
-        print(by_size(errors, designs))
-    if not arguments.only_policies and not arguments.blind:
-        five = np.array([links(design) == 5 for design in designs])
-        own = [design for design, is_five in zip(designs, five, strict=True) if is_five]
-        alone = errors_of(env, Specialist("fixed_target"), own, arguments.episodes, seeds.start)
-        print(f"\n{len(own)} designs with five links: the specialist of five_link has {interval(alone)} mm")
+        print(by_size(env, errors, designs))
+    if not arguments.only_policies and not arguments.blind and not arguments.space:
+        five = [design for design in designs if links(env, design) == 5]
+        alone = errors_of(env, Specialist("fixed_target"), five, arguments.episodes, seeds.start)
+        print(f"\n{len(five)} designs with five links: the specialist of five_link has {interval(alone)} mm")
     if arguments.out:
         arguments.out.write_text(json.dumps({name: each.round(5).tolist() for name, each in errors.items()}))
     return 0
@@ -161,9 +139,15 @@ def policy_of(run: str | Path, which: str) -> Controller:
     return load_driving(RunFolder.open(Path(run)), which) if Path(run).is_dir() else load_policy(str(run))
 
 
-def links(design: int) -> int:
+def drawn(env: EnvConfig) -> DrawnDesigns:
+    """The designs of an environment."""
+    designs: DrawnDesigns = env.arguments()["config"].mechanisms.drawn
+    return designs
+
+
+def links(env: EnvConfig, design: int) -> int:
     """Number of links of a design."""
-    return MechanismsConfig().drawn[design].n_links
+    return drawn(env)[design].n_links
 
 
 def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], episodes: int, seed: int) -> Errors:
@@ -180,20 +164,19 @@ def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], ep
 
 def seeds_of(design: int, episodes: int, seed: int) -> list[int]:
     """Seeds of the episodes of a design, where those of a range begin at `seed`."""
-    return [seed + (design % TO_CHOOSE) * episodes + each for each in range(episodes)]
+    return [seed + design % DESIGNS_TO_CHOOSE.start * episodes + each for each in range(episodes)]
 
 
 def why_lost(
-    env: EnvConfig, controllers: dict[str, Controller], designs: Sequence[int], episodes: int, seed: int
+    env: EnvConfig, controllers: dict[str, Controller], seen: str, designs: Sequence[int], episodes: int, seed: int
 ) -> str:
-    """A row per controller: how many of its lost episodes no command saves, and how many others `generalist` saves.
+    """A row per controller: how many of its lost episodes no command saves, and how many others a policy saves.
 
-    It sees the tip; a longer episode is the same one, with more steps.
+    This is the shipped policy `seen`, which sees the tip. A longer episode is the same one, with more steps.
     """
     floors = np.array([_floors(env, design, seeds_of(design, episodes, seed)) for design in designs])
-    beyond = floors > LOST
-    longer = replace(SEEN, settings={"episode_steps": LONGER})
-    saved = [errors_of(world, load_policy("generalist"), designs, episodes, seed) <= LOST for world in (SEEN, longer)]
+    beyond, worlds = floors > LOST, [replace(env, settings=more) for more in ({}, {"episode_steps": LONGER})]
+    saved = [errors_of(world, load_policy(seen), designs, episodes, seed) <= LOST for world in worlds]
     rows = []
     for name, controller in controllers.items():
         lost = errors_of(env, controller, designs, episodes, seed) > LOST
@@ -204,7 +187,7 @@ def why_lost(
         f"of {floors.size} episodes",
         f"above {LOST:g} mm",
         "the floor, too",
-        "generalist is not",
+        f"{seen} is not",
         f"not after {LONGER} steps",
         "others",
     ]
@@ -265,7 +248,7 @@ def beside_specialists(
         errors = [errors_of(env, each, [design], episodes, seeds.start) for each in drivers.values()]
         means.append([each.mean() for each in errors])
         cells = [f"{each.mean():.3f}, {np.median(each):.3f}" for each in errors]
-        rows.append([str(design), str(links(design)), *cells])
+        rows.append([str(design), str(links(env, design)), *cells])
     each, rng = np.array(means), np.random.default_rng(0)  # (specialists, drivers)
     average, drawn = each.mean(axis=0), each[rng.integers(len(each), size=(10_000, len(each)))].mean(axis=1)
     ratios = average / average[0]
@@ -289,9 +272,9 @@ def compared(name: str, errors: Errors, opponent: str, told: Errors) -> str:
     )
 
 
-def by_size(errors: dict[str, Errors], designs: Sequence[int]) -> str:
+def by_size(env: EnvConfig, errors: dict[str, Errors], designs: Sequence[int]) -> str:
     """A row per number of links: designs, and the median and mean error of every controller."""
-    sizes = np.array([links(design) for design in designs])
+    sizes = np.array([links(env, design) for design in designs])
     rows = []
     for size in np.unique(sizes):
         cells = [f"{np.median(each[sizes == size]):.3f}, {each[sizes == size].mean():.3f}" for each in errors.values()]
@@ -312,7 +295,7 @@ def filmed(env: EnvConfig, policy: Controller, first: int) -> bytes:
     """GIF of an episode with the first design of every number of links, from `first` on."""
     sizes: dict[int, int] = {}
     for design in range(first, first + 100):
-        sizes.setdefault(links(design), design)
+        sizes.setdefault(links(env, design), design)
     frames = {}
     for size, design in sorted(sizes.items()):
         own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})

@@ -1,4 +1,4 @@
-"""A controller that computes with the model of one mechanism, where every lane has its own."""
+"""A controller that computes with the model of one mechanism where every lane has its own: told it, or not."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from agents.controllers.controller import Array, Controller, Mask
 
 
 class OwnModels(Controller):
-    """Copies of a controller, one for each mechanism that lanes have, each told that mechanism exactly.
+    """Copies of a controller, one for each mechanism that lanes have, each told that mechanism exactly if not Nominal.
 
-    A copy is bound to the task of rj_gym/RollingJoint-v0 with its mechanism, and sees the observations that this gives.
+    A copy is bound to the task with its mechanism alone, and sees the observations that this gives.
 
     Args:
         controller: not bound yet. envs: a vector environment with many mechanisms, asked for its designs as episodes
@@ -24,7 +24,7 @@ class OwnModels(Controller):
     one_mechanism = False
 
     def __init__(self, controller: Controller, envs: Any) -> None:
-        self.controller, self.envs = controller, envs
+        self.controller, self.envs, self.told = controller, envs, not isinstance(controller, Nominal)
         self.privileged, self.wrappers = controller.privileged, controller.wrappers
         self._copies: dict[tuple[Any, tuple[int, ...]], Controller] = {}  # by design and lanes
 
@@ -40,7 +40,7 @@ class OwnModels(Controller):
                 copy = before[place]
             else:
                 copy, begins = deepcopy(self.controller), np.ones(len(rows), bool)
-                copy.bind(self.task.own_task(design))
+                copy.bind(self.task.own_task(design) if self.told else self.task.plain_task(design.n_links))
             if begins.any():
                 copy.reset(begins)
             self._copies[place] = copy
@@ -53,6 +53,31 @@ class OwnModels(Controller):
             rows = np.array(lanes)
             actions[rows] = copy.act(self.task.own_observations(_rows(observations, rows), design.n_links))
         return actions
+
+
+class Nominal(Controller):
+    """A controller that is not told the mechanisms of lanes: it takes them for the plain chain with as many links.
+
+    Args:
+        controller: not bound yet.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.privileged, self.wrappers = controller.privileged, controller.wrappers
+
+    def bind(self, task: Any) -> None:
+        """Take over the task of one mechanism, which is the plain one."""
+        super().bind(task)
+        self.controller.bind(task)
+
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,)."""
+        self.controller.reset(mask)
+
+    def act(self, observations: Any) -> Array:
+        """The actions of the controller, (B, m)."""
+        return self.controller.act(observations)
 
 
 def with_own_models(controller: Controller, envs: Any) -> Controller:

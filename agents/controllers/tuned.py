@@ -13,6 +13,7 @@ from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSet
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.mpc import FilterMpc, FilterMpcSettings, SmootherMpc, SmootherMpcSettings
 from agents.controllers.open_loop import OpenLoop
+from agents.controllers.own_models import Nominal
 from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform, with_settings
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
@@ -69,6 +70,11 @@ def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
         return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
 
     return make
+
+
+def _nominal(make: Callable[[Settings], Controller]) -> Callable[[Settings], Controller]:
+    """The same controller, told the number of links alone."""
+    return lambda settings: Nominal(make(settings))
 
 
 def _mpc_in(env_id: str, belief: str) -> Callable[[Settings], Controller]:
@@ -229,6 +235,55 @@ _ARM_SMOOTHER: Space = (
 )
 
 
+_MECHANISMS = f"rj_gym/ManyMechanisms-v0{BLIND}"
+_WITHOUT_PLAY: Space = _below(
+    "feedback", _STEERING | {"gain": Uniform(0.3, 1.0), "damping": LogUniform(0.03, 2.0)}
+) | _below("probe", {"sweep_mm": Choice([0.0, 1.0, 2.0]), "pattern": Choice(["apart", "together"])})
+_OF_MECHANISMS: Space = {
+    "filter.force_walk": LogUniform(0.0003, 0.1),
+    "filter.start_sd_mm": LogUniform(0.01, 3.0),
+    "filter.offset_sd_mm": LogUniform(0.001, 0.6),
+    "filter.offset_walk_mm": LogUniform(0.0003, 0.1),
+    "filter.stiffness_sd": LogUniform(0.001, 0.25),
+    "filter.tension_sd": _FILTER["tension_sd"],
+    "filter.tension_share": _FILTER["tension_share"],
+    **_WITHOUT_PLAY,
+    "filter.tempering": _FILTER["tempering"],
+}
+
+
+def _smoother_of_mechanisms(tension_sd: LogUniform, tension_share: LogUniform, start_sd_mm: LogUniform) -> Space:
+    own = _SMOOTHER | {"tension_sd": tension_sd, "tension_share": tension_share, "start_sd_mm": start_sd_mm}
+    own |= {"every": Choice([1, 3, 6, 12]), "misfit": LogUniform(0.7, 50.0)}
+    return _below("smoother", own | {"searches": Choice([1, 2, 3]), "doubt": LogUniform(1.2, 5.0)}) | _WITHOUT_PLAY
+
+
+_TOLD = _smoother_of_mechanisms(LogUniform(0.05, 0.3), LogUniform(0.001, 0.05), LogUniform(0.001, 0.1))
+_NOT_TOLD = _smoother_of_mechanisms(LogUniform(0.08, 3.0), LogUniform(0.001, 0.5), LogUniform(0.01, 3.0))
+_BLIND_MECHANISMS = {  # told every design exactly; nominal ones the number of its links alone
+    "open loop": _OPEN_LOOP,
+    "kalman filter": Tunable(_filter, _OF_MECHANISMS, _ONE),
+    "smoother": Tunable(_smoother_in(_MECHANISMS, "kalman filter"), _TOLD),
+    "nominal open loop": Tunable(_nominal(_open_loop), _OPEN_LOOP.space),
+    "nominal kalman filter": Tunable(_nominal(_filter), _OF_MECHANISMS, _ONE),
+    "nominal smoother": Tunable(_nominal(_smoother_in(_MECHANISMS, "nominal kalman filter")), _NOT_TOLD),
+}
+
+
+_IN_SPACE = f"rj_gym/ManyMechanismsInSpace-v0{BLIND}"
+_OF_TUBES: Space = _OF_MECHANISMS | {
+    "feedback.damping": LogUniform(0.1, 5.0),
+    "feedback.far": LogUniform(0.001, 0.1),
+    "filter.force_walk": LogUniform(0.0003, 0.3),
+}
+_BLIND_TUBES = {  # as _BLIND_MECHANISMS; the smoother of arms knows no directions of gravity all around
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
+    "kalman filter": Tunable(_filter, _OF_TUBES, _ONE),
+    "nominal open loop": Tunable(_nominal(_open_loop), {"rest_tension": Uniform(1.0, 14.5)}),
+    "nominal kalman filter": Tunable(_nominal(_filter), _OF_TUBES, _ONE),
+}
+
+
 def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]) -> Settings:
     return {"filter": {"play_mm": list(play_mm), "sheath_friction": list(sheath_friction)}}
 
@@ -267,6 +322,8 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
     "rj_gym/ArmInstrument-v0": _BLIND_ARM
     | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
     f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
+    _MECHANISMS: _BLIND_MECHANISMS,
+    _IN_SPACE: _BLIND_TUBES,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version and row.tracks}  # and their first versions
 

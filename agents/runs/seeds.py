@@ -25,6 +25,9 @@ TAILS = range(9_500_000, 9_600_000)
 MANY_VALIDATION, MANY_TEST = range(3_100_000, 3_110_000), range(9_600_000, 9_610_000)
 """Episodes with many mechanisms, for choosing and for the table, in benchmarks/generalist.py."""
 
+DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST = range(1_000_000, 2_000_000), range(2_000_000, 3_000_000)
+"""Numbers of designs, not seeds: mechanisms for tuning and choosing, and for the table. Training has those below."""
+
 ROBOTS = range(20_000_000, 22_000_000)
 """Robots that nobody modelled: a thousand of each."""
 

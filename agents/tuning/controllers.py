@@ -1,6 +1,7 @@
 """Tune settings of controllers: python -m agents.tuning.controllers --world rj_gym/Instrument-v0 --tries 60.
 
-With --file configs/env/NAME.yaml in the environment with these settings.
+With --file configs/env/NAME.yaml in the environment with these settings. Where episodes draw their mechanisms, they are
+designs to choose on, hardly ever the same one twice.
 
 The first half of the tries are random settings, the others near the best so far; with --near the first is what the file
 has, and all others lie near the best so far. All drive the same episodes of the tuning seeds. The best few drive the
@@ -13,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from agents.evaluation.rollout import run_episodes
 from agents.runs.command_line import exit_code
 from agents.runs.config import env_settings
 from agents.runs.environment import EnvConfig
-from agents.runs.seeds import TUNING, VALIDATION
+from agents.runs.seeds import DESIGNS_TO_CHOOSE, TUNING, VALIDATION
 from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.checks import as_choice, as_integer
 from rollingjoint.errors import ConfigError
@@ -110,6 +111,15 @@ def last_error(env: EnvConfig, controller: Tunable, settings: Settings, first: i
     return float(results.last_errors.mean())
 
 
+def on_designs_to_choose(env: EnvConfig) -> EnvConfig:
+    """The environment; where episodes draw their mechanisms, with designs that neither training nor the tables have."""
+    if not hasattr(env.arguments()["config"], "mechanisms"):
+        return env
+    designs = (DESIGNS_TO_CHOOSE.start, DESIGNS_TO_CHOOSE.stop)
+    mechanisms = {**env.settings.get("mechanisms", {}), "designs": designs}
+    return replace(env, settings={**env.settings, "mechanisms": mechanisms})
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 tuned, 2 an error, 130 stopped by Ctrl-C."""
     parser = argparse.ArgumentParser(prog="python -m agents.tuning.controllers", description="Tune controllers.")
@@ -130,6 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _command(arguments: argparse.Namespace) -> int:
     env = EnvConfig(arguments.world, settings=env_settings(arguments.file) if arguments.file else {})
     world = world_of(env)
+    env = on_designs_to_choose(env)
     tunable = tunable_in(world)
     tries = as_integer("--tries", arguments.tries, 0, error=ConfigError)
     episodes = as_integer("--episodes", arguments.episodes, 1, error=ConfigError)

@@ -6,11 +6,13 @@ import pytest
 
 from agents.controllers import DoNothing, JacobianFeedback
 from agents.controllers.controller import Controller
+from agents.controllers.own_models import Nominal
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from rollingjoint.errors import InvalidInput
+from rollingjoint.io.mechanism_file import mechanism_to_dict
 
 MANY = {"mechanisms": {"designs": (0, 12), "links": (3, 5)}, "episode_steps": 12}
 SEEDS = range(40, 44)
@@ -81,6 +83,29 @@ def test_lanes_that_begin_with_another_design_get_another_copy():
     observation, _ = envs.reset(options={"design": 4, "reset_mask": mask})
     controller.reset(mask)
     assert len(seen) == 3 and controller.act(observation).shape == (3, 2)
+
+
+def test_a_nominal_controller_computes_with_the_plain_chain_of_as_many_links():
+    bound = []
+
+    class Watching(Controller):
+        def bind(self, task):
+            super().bind(task)
+            bound.append(self.task)
+
+        def act(self, observations):
+            return np.zeros((len(observations), 2))
+
+    env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=MANY)
+    run_episodes(env, Nominal(Watching()), SEEDS)
+    config = env.arguments()["config"]
+    designs = [config.mechanisms.drawn[number] for number in range(*config.mechanisms.designs)]
+    assert len({task.mechanism.n_links for task in bound}) > 1
+    for task in bound:
+        plain = config.mechanisms.drawn.reference(task.mechanism.n_links)
+        assert mechanism_to_dict(task.mechanism) == mechanism_to_dict(plain)
+        assert not any(mechanism_to_dict(design.mechanism) == mechanism_to_dict(plain) for design in designs)
+        assert task.config.load == config.load and task.config.sensing == config.sensing
 
 
 def test_floors_are_those_of_every_episodes_own_mechanism():

@@ -2,6 +2,7 @@
 
 import ast
 import pickle
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from agents.controllers.tuned import BLIND, WORLDS, tunable_in, tuned_controller
 from agents.evaluation.rollout import run_episodes
 from agents.runs.config import env_settings, load_config
 from agents.runs.environment import EnvConfig
+from agents.runs.seeds import DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST
 from agents.tuning import controllers as tune
 from rj_gym.registry import task_of
 from rj_gym.tracking.config import TrackingConfig
@@ -33,12 +35,15 @@ from rollingjoint.errors import ConfigError, InvalidInput
 
 INSTRUMENT, CAMERA, LATE = "rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0", "rj_gym/LatePose-v0"
 ARM = "rj_gym/ArmInstrument-v0"
+PITCH_YAW = f"rj_gym/PitchYaw-v0{BLIND}"
+MECHANISMS, IN_SPACE = (f"rj_gym/ManyMechanisms{where}-v0{BLIND}" for where in ("", "InSpace"))
 SEEDS = range(4_000_000, 4_000_040)
 
 
 def env_of(world):
     """The environment of a world: of an id, or with the settings of the file that hides the tip."""
-    settings = env_settings(Path("configs/env/pitch_yaw_blind.yaml")) if world.endswith(BLIND) else {}
+    files = {PITCH_YAW: "pitch_yaw_blind", MECHANISMS: "generalist_blind", IN_SPACE: "generalist_space_blind"}
+    settings = env_settings(Path(f"configs/env/{files[world]}.yaml")) if world in files else {}
     return EnvConfig(world.removesuffix(BLIND), settings=settings)
 
 
@@ -102,6 +107,8 @@ def test_actions_are_finite_whatever_is_seen_and_after_the_end(world):
     rng = np.random.default_rng(0)
     for name, controller in tuned_controllers(world).items():
         task = task_of(env_of(world).arguments()["config"])
+        if hasattr(task, "own_task"):  # every mechanism has a copy of the controller
+            task = task.own_task(task.design(DESIGNS_TO_CHOOSE.start))
         low, high = task.observation_bounds()
         controller.begin(task, 6)
         for _ in range(task.config.episode_steps + 3 if name == "probing bank" else 6):
@@ -291,6 +298,36 @@ def test_a_search_near_what_is_kept_begins_there_and_draws_what_the_space_has_ga
     ]
     assert {name: first[name] for name in kept} == kept and first.keys() == kept.keys() | {"far"}
     assert all(any(other[name] == first[name] for name in first) for other in others)
+
+
+def test_many_mechanisms_are_tuned_on_designs_of_neither_training_nor_the_tables(tmp_path, monkeypatch):
+    driven = []
+
+    def watched(env, controller, seeds):
+        driven.append(env.arguments()["config"].mechanisms.designs)
+        return run_episodes(env, controller, seeds)
+
+    monkeypatch.setattr(tune, "run_episodes", watched)
+    command = ["--world", MECHANISMS.removesuffix(BLIND), "--file", "configs/env/generalist_blind.yaml", "--tries", "2"]
+    command += ["--controller", "nominal open loop", "--episodes", "3", "--output", str(tmp_path / "tuned.yaml")]
+    assert tune.main(command) == 0
+    trained = env_of(MECHANISMS).arguments()["config"].mechanisms.designs
+    for first, stop in driven:
+        assert trained[1] <= DESIGNS_TO_CHOOSE.start <= first < stop <= DESIGNS_TO_TEST.start
+    assert len(driven) == 4 and list(read_yaml(tmp_path / "tuned.yaml")) == [MECHANISMS]
+    assert tune.on_designs_to_choose(EnvConfig(CAMERA)) == EnvConfig(CAMERA)
+
+
+@pytest.mark.slow
+def test_a_smoother_that_is_told_the_design_spends_no_time_on_play_that_is_not_there():
+    """Settings of Instrument-v0 sweep the play for 16 of the 50 steps: targets that are far are not reached then."""
+    designs = DESIGNS_TO_CHOOSE.start, DESIGNS_TO_CHOOSE.stop
+    env = replace(env_of(MECHANISMS), settings={**env_of(MECHANISMS).settings, "mechanisms": {"designs": designs}})
+    errors = [
+        run_episodes(env, tuned_controllers(world)["smoother"], SEEDS).last_errors.mean()
+        for world in (MECHANISMS, INSTRUMENT)
+    ]
+    assert errors[0] < 0.6 * errors[1]
 
 
 def test_worlds_and_opponents_that_do_not_exist_are_refused(capsys):
