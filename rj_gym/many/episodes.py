@@ -127,7 +127,8 @@ class _Size:
 
     def observe(self, into: Observation) -> None:
         """Fill the current observations of these lanes among all, (B, entries), and their readings."""
-        self._spread(self._pins, self.buffer.observe().ctypes.data, into.ctypes.data, 0, len(self.designs))
+        vectors = self.buffer.observe()  # lives as long as its address is read
+        self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, 0, len(self.designs))
 
     def _bind(self) -> None:
         self._room = np.empty((self.buffer.capacity, self._arrays.entries), np.float32)

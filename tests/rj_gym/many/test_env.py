@@ -123,6 +123,15 @@ def test_lanes_equal_scalar_environments_through_restarts_of_some(env_id):
 
 
 @BOTH
+def test_lanes_that_go_on_keep_their_observations_where_others_begin(env_id):
+    envs = lanes(60, env_id, mechanisms=FEW)
+    envs.reset(seed=0)
+    before = envs.step(np.full((60, TENDONS[env_id]), 0.5, np.float32))[0]
+    mask = np.arange(60) >= 40
+    assert np.array_equal(envs.reset(options={"reset_mask": mask})[0][~mask], before[~mask])
+
+
+@BOTH
 def test_a_state_continues_elsewhere_to_the_last_bit(env_id):
     first, second = (lanes(4, env_id, mechanisms=FEW, episode_steps=4) for _ in range(2))
     first.reset(seed=3)
