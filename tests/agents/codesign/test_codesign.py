@@ -1,6 +1,7 @@
 """Co-design: gradients of whole rollouts, training, rivals, the command and what it leaves."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,9 +74,11 @@ def slopes(task, episodes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mu", "exact"), [(0.0, 1e-6), (0.15, 1e-2)])
-def test_gradient_in_the_lumen_is_that_of_whole_rollouts(mu, exact):
-    task = LumenPush(mu=mu, steps=8, feed_mm=5.0).on(space())
+@pytest.mark.parametrize(
+    ("goal", "mu", "exact"), [("force", 0.0, 1e-6), ("force", 0.15, 1e-2), ("reach", 0.0, 1e-6)]
+)
+def test_gradient_in_the_lumen_is_that_of_whole_rollouts(goal, mu, exact):
+    task = LumenPush(goal=goal, mu=mu, steps=8, feed_mm=5.0, force_limit=0.3).on(space())
     by_gradient, by_differences = slopes(task, task.episodes(range(3)))
     assert min(map(abs, by_gradient)) > 1e-3
     assert by_gradient == pytest.approx(by_differences, rel=exact)
@@ -104,6 +107,21 @@ def test_a_force_is_carried_up_to_the_level_before_the_first_error_above_the_tol
     assert task.scores(x, theta, episodes).values == pytest.approx([1.0, 1.0])
     small = TipHold(goal="force", force=(0.0, 1.0), steps=8, tolerance_mm=1e-3).on(task.space)
     assert np.array_equal(small.scores(x, theta, episodes).values, [0.0, 0.0])
+
+
+def test_the_reach_is_the_depth_before_the_force_exceeds_the_limit():
+    settings = LumenPush(family="hard", goal="reach", steps=10, feed_mm=6.0, force_limit=100.0)
+    designs = space()
+    task = settings.on(designs)
+    x, theta, episodes = np.asarray(designs.reference()), task.policy.initial(0), task.episodes(range(4))
+    deep = task.scores(x, theta, episodes)
+    assert np.array_equal(deep.values, deep.extra["depth [mm]"]) and deep.ok.all()
+    peaks = deep.extra["peak wall force [N]"]
+    below = replace(settings, force_limit=float(peaks.min() * (1.0 - 1e-9))).on(designs).scores(x, theta, episodes)
+    assert (below.values < deep.values).all() and np.array_equal(below.extra["peak wall force [N]"], peaks)
+    force = replace(settings, goal="force").on(designs).scores(x, theta, episodes)
+    assert np.array_equal(force.values, peaks) and np.array_equal(force.extra["reach below the limit [mm]"], deep.values)
+    assert task.settings.maximise and not LumenPush().maximise
 
 
 def test_a_policy_begins_with_actions_of_zero_and_is_a_network():
