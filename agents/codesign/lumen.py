@@ -1,7 +1,6 @@
 """Tasks in the lumen: an instrument is fed into bent lumens that it does not see, and presses on their walls.
 
-Force: what counts is the peak of the wall force. Reach: what counts is how deep the tip is before the wall force exceeds
-a limit.
+Force: the peak of the wall force counts. Reach: the depth of the tip counts, before the wall force exceeds a limit.
 
 The gradient by design and policy is exact where walls do not rub; with friction at the walls, what a contact remembers
 of the steps before is a constant.
