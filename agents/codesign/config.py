@@ -108,7 +108,10 @@ class PairConfig:
 
     def search_settings(self) -> dict[str, SearchAround]:
         """The searches by name of the inner controller; raises ConfigError."""
-        searches = mapping("search", self.search, INNER)
+        given = self.search
+        if isinstance(given, Mapping) and "methods" in given:  # of files from when there was one inner controller
+            given = {RETRAINED: given}
+        searches = mapping("search", given, INNER)
         with prefixed("search."):
             return {inner: _built(inner, SearchAround, values) for inner, values in searches.items()}
 

@@ -209,7 +209,7 @@ def test_shipped_files_can_be_built(file, tmp_path):
         ({"episodes": [1, 2]}, "three numbers"),
         ({"seeds": [1, 1]}, "every seed once"),
         ({"pairs": {"update": 3}}, "pairs: unknown key"),
-        ({"search": {"methods": {"random": {}}}}, "search: unknown key"),
+        ({"search": {"blind": {}}}, "search: unknown key"),
         ({"search": {"generalist": {"updates": 0}}}, "search.updates"),
         ({"objectives": [{"weight": 1}]}, "kind"),
     ],
@@ -217,6 +217,12 @@ def test_shipped_files_can_be_built(file, tmp_path):
 def test_wrong_settings_are_one_line(change, message):
     with pytest.raises(ConfigError, match=message):
         PairConfig(**(yaml.safe_load(SMALL) | change))
+
+
+def test_a_search_of_earlier_files_retrains_policies():
+    methods = {"methods": {"random": {}}, "budget": 3}
+    former, now = (PairConfig(**(yaml.safe_load(SMALL) | {"search": each})) for each in (methods, {"retrained": methods}))
+    assert former.search_settings() == now.search_settings() and now.search_settings()["retrained"].budget == 3
 
 
 def test_lumens_want_planar_designs_of_one_height():
