@@ -221,7 +221,9 @@ def test_wrong_settings_are_one_line(change, message):
 
 def test_a_search_of_earlier_files_retrains_policies():
     methods = {"methods": {"random": {}}, "budget": 3}
-    former, now = (PairConfig(**(yaml.safe_load(SMALL) | {"search": each})) for each in (methods, {"retrained": methods}))
+    former, now = (
+        PairConfig(**(yaml.safe_load(SMALL) | {"search": each})) for each in (methods, {"retrained": methods})
+    )
     assert former.search_settings() == now.search_settings() and now.search_settings()["retrained"].budget == 3
 
 
