@@ -49,7 +49,13 @@ BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1
 TOGETHER = 25  # designs side by side
 LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
 TOLD = "Jacobian feedback, told the design"
-BLIND_TOLD = ("open loop, told the design", "smoother, told the number of links", "smoother, told the design")
+BLIND_TOLD = (
+    "smoother, told the design",
+    "Kalman filter, told the design",
+    "open loop, told the design",
+    "smoother, told the number of links",
+    "Kalman filter, told the number of links",
+)
 
 
 class Specialist(Controller):
