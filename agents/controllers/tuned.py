@@ -253,9 +253,10 @@ _OF_MECHANISMS: Space = {
 
 
 def _smoother_of_mechanisms(tension_sd: LogUniform, tension_share: LogUniform, start_sd_mm: LogUniform) -> Space:
-    own = _SMOOTHER | {"tension_sd": tension_sd, "tension_share": tension_share, "start_sd_mm": start_sd_mm}
-    own |= {"every": Choice([1, 3, 6, 12]), "misfit": LogUniform(0.7, 50.0)}
-    return _below("smoother", own | {"searches": Choice([1, 2, 3]), "doubt": LogUniform(1.2, 5.0)}) | _WITHOUT_PLAY
+    smoother = _SMOOTHER | {"tension_sd": tension_sd, "tension_share": tension_share, "start_sd_mm": start_sd_mm}
+    smoother |= {"every": Choice([1, 3, 6, 12]), "misfit": LogUniform(0.7, 50.0)}
+    smoother |= {"searches": Choice([1, 2, 3]), "doubt": LogUniform(1.2, 5.0)}
+    return _below("smoother", smoother) | _WITHOUT_PLAY
 
 
 _TOLD = _smoother_of_mechanisms(LogUniform(0.05, 0.3), LogUniform(0.001, 0.05), LogUniform(0.001, 0.1))
