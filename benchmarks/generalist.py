@@ -5,8 +5,10 @@
     python benchmarks/generalist.py --run generalist --run runs/2  # several trainings, and how much they differ
     python benchmarks/generalist.py --blind --run runs/blind       # mechanisms whose tip is not seen
     python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
+    python benchmarks/generalist.py --lost                         # why episodes end far from their target
     python benchmarks/generalist.py --film docs/images/generalist.gif
     python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
+    python benchmarks/generalist.py --space                        # mechanisms in space; with --blind, too
 
 Every design has the same number of episodes, with the same seeds for every controller: load, link and the tensions of
 the target. The error of an episode is the mean tip error over its last 10 steps. Intervals are 95 %, by a bootstrap
@@ -32,6 +34,7 @@ from scipy import stats
 from agents.controllers import JacobianFeedback, OpenLoop
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers, world_of
+from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film, run_with_options
 from agents.policies.trained import load_driving
@@ -39,23 +42,16 @@ from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from agents.runs.seeds import DESIGNS_TO_CHOOSE, DESIGNS_TO_TEST, MANY_TEST, MANY_VALIDATION
 from agents.shipped import load_policy
-from rj_gym import MechanismsConfig
+from rj_gym.many.designs import DrawnDesigns
 from rollingjoint.tables import markdown_table
 
 Errors = NDArray[np.float64]
 
-SEEN = EnvConfig("rj_gym/ManyMechanisms-v0")
-BLIND = replace(SEEN, settings={"sensing": {"pose": "none", "tension_noise": 0.1}})  # configs/env/generalist_blind.yaml
+PLANE, SPACE = (EnvConfig(f"rj_gym/ManyMechanisms{where}-v0") for where in ("", "InSpace"))
+HIDDEN = {"sensing": {"pose": "none", "tension_noise": 0.1}}  # as configs/env/generalist_blind.yaml
 TOGETHER = 25  # designs side by side
-LOST = 5.0  # mm: most episodes with a larger error are of a mechanism that has snapped
-TOLD = "Jacobian feedback, told the design"
-BLIND_TOLD = (
-    "smoother, told the design",
-    "Kalman filter, told the design",
-    "open loop, told the design",
-    "smoother, told the number of links",
-    "Kalman filter, told the number of links",
-)
+LOST = 5.0  # mm: of most episodes with a larger error the floor is larger, too (--lost)
+LONGER = 75  # steps
 
 
 class Specialist(Controller):
@@ -69,12 +65,12 @@ class Specialist(Controller):
         return self.policy(observations)
 
 
-def opponents(blind: bool) -> dict[str, Controller]:
+def opponents(env: EnvConfig, blind: bool) -> dict[str, Controller]:
     """Controllers with models, by name."""
     if not blind:
-        return {TOLD: JacobianFeedback(), "open loop, told the design": OpenLoop()}
-    tuned, shown = tuned_controllers(world_of(BLIND)), {"kalman filter": "Kalman filter"}
-    models = ("smoother", "kalman filter", "open loop")
+        return {"Jacobian feedback, told the design": JacobianFeedback(), "open loop, told the design": OpenLoop()}
+    tuned, shown = tuned_controllers(world_of(env)), {"kalman filter": "Kalman filter"}
+    models = [name for name in ("smoother", "kalman filter", "open loop") if name in tuned]
     told = {f"{shown.get(name, name)}, told the design": tuned[name] for name in models}
     nominal = {f"{shown.get(name, name)}, told the number of links": tuned[f"nominal {name}"] for name in models}
     return told | nominal
@@ -86,17 +82,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--run", action="append", default=[], help="run folders or shipped policies; default: shipped")
     parser.add_argument("--policy", default="best", help="of the runs: best or last")
     parser.add_argument("--blind", action="store_true", help="the tip is not seen")
+    parser.add_argument("--space", action="store_true", help="mechanisms in space")
     parser.add_argument("--specialist", type=Path, action="append", default=[], help="run folders, each of one design")
     parser.add_argument("--choose", action="store_true", help="on the designs and seeds to choose on")
     parser.add_argument("--designs", type=int, default=200)
     parser.add_argument("--episodes", type=int, default=10, help="of each design")
+    parser.add_argument("--first", type=int, help="first design, in place of that of the range")
     parser.add_argument("--only-policies", action="store_true")
+    parser.add_argument("--lost", action="store_true", help="why episodes are lost, and no other tables")
     parser.add_argument("--out", type=Path, help="a JSON file for the errors of all episodes [mm]")
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
     numbers, seeds = (DESIGNS_TO_CHOOSE, MANY_VALIDATION) if arguments.choose else (DESIGNS_TO_TEST, MANY_TEST)
-    env = BLIND if arguments.blind else SEEN
-    runs = arguments.run or ["generalist_blind" if arguments.blind else "generalist"]
+    env = SPACE if arguments.space else PLANE
+    env = replace(env, settings=HIDDEN) if arguments.blind else env
+    seen = "generalist" + ("_space" if arguments.space else "")
+    runs = arguments.run or [seen + ("_blind" if arguments.blind else "")]
     policies = {Path(run).name: policy_of(run, arguments.policy) for run in runs}
     if arguments.film:
         arguments.film.write_bytes(filmed(env, next(iter(policies.values())), numbers.start))
@@ -105,9 +106,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.specialist:
         print(beside_specialists(env, controllers, arguments.specialist, arguments.policy, arguments.episodes, seeds))
         return 0
-    designs = list(numbers[: arguments.designs])
+    first = numbers.start if arguments.first is None else arguments.first
+    designs = list(range(first, first + arguments.designs))
+    if arguments.lost:
+        controllers |= {} if arguments.blind else opponents(env, blind=False)
+        print(why_lost(env, controllers, seen, designs, arguments.episodes, seeds.start))
+        return 0
     if not arguments.only_policies:
-        controllers |= opponents(arguments.blind)
+        controllers |= opponents(env, arguments.blind)
     errors = {
         name: errors_of(env, each, designs, arguments.episodes, seeds.start) for name, each in controllers.items()
     }
@@ -116,14 +122,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(over_trainings({name: errors[name] for name in policies}))
     if not arguments.only_policies:
         for name in policies:
-            for against in BLIND_TOLD if arguments.blind else (TOLD,):
+            for against in (each for each in controllers if each not in policies):
                 print(compared(name, errors[name], against, errors[against]))
-        print(by_size(errors, designs))
-    if not arguments.only_policies and not arguments.blind:
-        five = np.array([links(design) == 5 for design in designs])
-        own = [design for design, is_five in zip(designs, five, strict=True) if is_five]
-        alone = errors_of(env, Specialist("fixed_target"), own, arguments.episodes, seeds.start)
-        print(f"\n{len(own)} designs with five links: the specialist of five_link has {interval(alone)} mm")
+        print(by_size(env, errors, designs))
+    if not arguments.only_policies and not arguments.blind and not arguments.space:
+        five = [design for design in designs if links(env, design) == 5]
+        alone = errors_of(env, Specialist("fixed_target"), five, arguments.episodes, seeds.start)
+        print(f"\n{len(five)} designs with five links: the specialist of five_link has {interval(alone)} mm")
     if arguments.out:
         arguments.out.write_text(json.dumps({name: each.round(5).tolist() for name, each in errors.items()}))
     return 0
@@ -134,9 +139,15 @@ def policy_of(run: str | Path, which: str) -> Controller:
     return load_driving(RunFolder.open(Path(run)), which) if Path(run).is_dir() else load_policy(str(run))
 
 
-def links(design: int) -> int:
+def drawn(env: EnvConfig) -> DrawnDesigns:
+    """The designs of an environment."""
+    designs: DrawnDesigns = env.arguments()["config"].mechanisms.drawn
+    return designs
+
+
+def links(env: EnvConfig, design: int) -> int:
     """Number of links of a design."""
-    return MechanismsConfig().drawn[design].n_links
+    return drawn(env)[design].n_links
 
 
 def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], episodes: int, seed: int) -> Errors:
@@ -145,11 +156,47 @@ def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], ep
     for first in range(0, len(designs), TOGETHER):
         block = designs[first : first + TOGETHER]
         options = [fixed for design in block for fixed in [{"design": design}] * episodes]
-        starts = [seed + design % DESIGNS_TO_CHOOSE.start * episodes for design in block]
-        seeds = [start + each for start in starts for each in range(episodes)]
+        seeds = [each for design in block for each in seeds_of(design, episodes, seed)]
         driven = run_with_options(env, controller, seeds, options)
         blocks.append(driven.last_errors.mean(axis=1).reshape(len(block), episodes))
     return np.concatenate(blocks)
+
+
+def seeds_of(design: int, episodes: int, seed: int) -> list[int]:
+    """Seeds of the episodes of a design, where those of a range begin at `seed`."""
+    return [seed + design % DESIGNS_TO_CHOOSE.start * episodes + each for each in range(episodes)]
+
+
+def why_lost(
+    env: EnvConfig, controllers: dict[str, Controller], seen: str, designs: Sequence[int], episodes: int, seed: int
+) -> str:
+    """A row per controller: how many of its lost episodes no command saves, and how many others a policy saves.
+
+    This is the shipped policy `seen`, which sees the tip. A longer episode is the same one, with more steps.
+    """
+    floors = np.array([_floors(env, design, seeds_of(design, episodes, seed)) for design in designs])
+    beyond, worlds = floors > LOST, [replace(env, settings=more) for more in ({}, {"episode_steps": LONGER})]
+    saved = [errors_of(world, load_policy(seen), designs, episodes, seed) <= LOST for world in worlds]
+    rows = []
+    for name, controller in controllers.items():
+        lost = errors_of(env, controller, designs, episodes, seed) > LOST
+        rest = lost & ~beyond
+        counts = lost, lost & beyond, rest & saved[0], rest & ~saved[0] & saved[1], rest & ~saved[0] & ~saved[1]
+        rows.append([name, *(str(each.sum()) for each in counts)])
+    header = [
+        f"of {floors.size} episodes",
+        f"above {LOST:g} mm",
+        "the floor, too",
+        f"{seen} is not",
+        f"not after {LONGER} steps",
+        "others",
+    ]
+    return f"mean floor {interval(floors)} mm\n{markdown_table(header, rows)}"
+
+
+def _floors(env: EnvConfig, design: int, seeds: Sequence[int]) -> Errors:
+    own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})
+    return episode_floor(own, seeds).errors
 
 
 def table(errors: dict[str, Errors]) -> str:
@@ -201,7 +248,7 @@ def beside_specialists(
         errors = [errors_of(env, each, [design], episodes, seeds.start) for each in drivers.values()]
         means.append([each.mean() for each in errors])
         cells = [f"{each.mean():.3f}, {np.median(each):.3f}" for each in errors]
-        rows.append([str(design), str(links(design)), *cells])
+        rows.append([str(design), str(links(env, design)), *cells])
     each, rng = np.array(means), np.random.default_rng(0)  # (specialists, drivers)
     average, drawn = each.mean(axis=0), each[rng.integers(len(each), size=(10_000, len(each)))].mean(axis=1)
     ratios = average / average[0]
@@ -225,9 +272,9 @@ def compared(name: str, errors: Errors, opponent: str, told: Errors) -> str:
     )
 
 
-def by_size(errors: dict[str, Errors], designs: Sequence[int]) -> str:
+def by_size(env: EnvConfig, errors: dict[str, Errors], designs: Sequence[int]) -> str:
     """A row per number of links: designs, and the median and mean error of every controller."""
-    sizes = np.array([links(design) for design in designs])
+    sizes = np.array([links(env, design) for design in designs])
     rows = []
     for size in np.unique(sizes):
         cells = [f"{np.median(each[sizes == size]):.3f}, {each[sizes == size].mean():.3f}" for each in errors.values()]
@@ -248,7 +295,7 @@ def filmed(env: EnvConfig, policy: Controller, first: int) -> bytes:
     """GIF of an episode with the first design of every number of links, from `first` on."""
     sizes: dict[int, int] = {}
     for design in range(first, first + 100):
-        sizes.setdefault(links(design), design)
+        sizes.setdefault(links(env, design), design)
     frames = {}
     for size, design in sorted(sizes.items()):
         own = replace(env, settings={**env.settings, "mechanisms": {"designs": (design, design + 1)}})

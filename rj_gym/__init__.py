@@ -116,9 +116,14 @@ if TYPE_CHECKING:
     from rj_gym.design.env import CoDesignEnv, CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
     from rj_gym.design.vector import CoDesignVectorEnv, CurvatureDesignVectorEnv
-    from rj_gym.many.config import ManyMechanismsConfig, MechanismsConfig
-    from rj_gym.many.env import ManyMechanismsEnv
-    from rj_gym.many.vector import ManyMechanismsVectorEnv
+    from rj_gym.many.config import (
+        ManyMechanismsConfig,
+        ManyMechanismsInSpaceConfig,
+        MechanismsConfig,
+        MechanismsInSpaceConfig,
+    )
+    from rj_gym.many.env import ManyMechanismsEnv, ManyMechanismsInSpaceEnv
+    from rj_gym.many.vector import ManyMechanismsInSpaceVectorEnv, ManyMechanismsVectorEnv
 
 __all__ = [
     "DESIGN_IDS",
@@ -180,8 +185,12 @@ __all__ = [
     "LumenVectorEnv",
     "ManyMechanismsConfig",
     "ManyMechanismsEnv",
+    "ManyMechanismsInSpaceConfig",
+    "ManyMechanismsInSpaceEnv",
+    "ManyMechanismsInSpaceVectorEnv",
     "ManyMechanismsVectorEnv",
     "MechanismsConfig",
+    "MechanismsInSpaceConfig",
     "Memory",
     "NoiseConfig",
     "Observed",
@@ -250,6 +259,7 @@ def privileged_entries(config: TaskConfig) -> list[Entry]:
 _LATE = {
     **{name: module for row in TABLE if row.family in ("design", "many") for name, module in row.classes.items()},
     "MechanismsConfig": "rj_gym.many.config",
+    "MechanismsInSpaceConfig": "rj_gym.many.config",
     "DesignRewardConfig": "rj_gym.design.config",
     "CoDesignRewardConfig": "rj_gym.design.config",
     "design_observation_entries": "rj_gym.design.observation",

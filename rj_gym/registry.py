@@ -96,6 +96,7 @@ _FIRST = tuple(
         ("LatePose", "planar", "LatePoseConfig", "worlds"),
         ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
         ("ManyMechanisms", "many", "ManyMechanismsConfig"),
+        ("ManyMechanismsInSpace", "many", "ManyMechanismsInSpaceConfig"),
         ("CurvatureDesign", "design", "DesignConfig"),
         ("CoDesign", "design", "CoDesignConfig"),
         ("Lumen", "surroundings", "LumenConfig"),

@@ -8,6 +8,7 @@ Modules:
     lumen: the task in the lumen.
     hold: tasks at the tip.
     pair: a design and a policy, trained by one gradient.
+    generalist: a policy that knows the design.
     rivals: the best designs of mechanical objectives, and random ones.
     study: the units of a co-design, and its folder.
     report: its report.

@@ -18,28 +18,33 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_to_dict
 
 TASKS: dict[str, Any] = {"lumen": LumenPush, "hold": TipHold}
+RETRAINED, GENERALIST = INNER = ("retrained", "generalist")
+"""Inner controllers of a search: a policy that is retrained for every design, and one that knows the design."""
 TRAIN, VALIDATION, TEST, LONGEST = 1_000_000, 2_000_000, 3_000_000, 1_000_000
 """First seeds of the episodes of training, of validation and of tests, and the most episodes of each."""
 
 
 @dataclass(frozen=True)
 class SearchAround:
-    """A search of designs whose cost is the loss of a policy that is retrained for every design.
+    """A search of designs whose cost is that of an inner controller in the validation episodes.
 
     Args:
         methods: settings by name of a method of `rj search`.
         budget: designs of each method.
-        updates: of the policy for every design, from that of the reference.
+        updates: of `retrained`, the policy of every design, from that of the reference; of `generalist`, before the
+            search, each with a new random design that keeps the limits.
+        seeds: number of the seeds, the first ones, with which every method searches.
     """
 
     methods: Mapping[str, Any] = field(default_factory=dict)
     budget: Annotated[int, integer(1, 100_000)] = 40
     updates: Annotated[int, integer(1, 100_000)] = 10
+    seeds: Annotated[int, integer(1, 1000)] = 1
 
     def __post_init__(self) -> None:
-        names = mapping("search.methods", self.methods, tuple(METHODS))
+        names = mapping("methods", self.methods, tuple(METHODS))
         object.__setattr__(self, "methods", {name: dict(settings or {}) for name, settings in names.items()})
-        check_fields(self, "search.")
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,8 @@ class PairConfig:
         rival_starts: descents of that search.
         random: random designs, over which the ranks of objectives and of control are compared; 0: none.
         random_updates: of the policy for each of them.
-        search: a search around retrained policies; without methods none.
+        search: searches around a policy, by name of the inner controller, `retrained` or `generalist`: fields of
+            SearchAround.
         seeds: every pair is trained once with each.
     """
 
@@ -100,9 +106,14 @@ class PairConfig:
         changed = {} if updates is None else {"updates": updates}
         return _built("pairs", PairSettings, {**_mapped("pairs", self.pairs), **changed})
 
-    def search_settings(self) -> SearchAround:
-        """The search around retrained policies; raises ConfigError."""
-        return _built("search", SearchAround, _mapped("search", self.search))
+    def search_settings(self) -> dict[str, SearchAround]:
+        """The searches by name of the inner controller; raises ConfigError."""
+        given = self.search
+        if isinstance(given, Mapping) and "methods" in given:  # of files from when there was one inner controller
+            given = {RETRAINED: given}
+        searches = mapping("search", given, INNER)
+        with prefixed("search."):
+            return {inner: _built(inner, SearchAround, values) for inner, values in searches.items()}
 
     def search_of(self, objective: Mapping[str, Any] | None) -> SearchConfig:
         """The search file of an objective alone, with the limits; None: of the limits alone."""

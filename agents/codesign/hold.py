@@ -153,7 +153,7 @@ class TipHolds:
         tension = np.mean([step.solution.tensions.mean(axis=1) for step in run.steps[1:]], axis=0)
         extra = {"error at the end [mm]": errors_mm[-1], "mean tension [N]": tension}
         if settings.goal == "precision":
-            return Scores(np.where(run.ok, errors_mm[-1], _FAILED_MM), run.ok, extra)
+            return Scores(np.where(run.ok, extra.pop("error at the end [mm]"), _FAILED_MM), run.ok, extra)
         half = settings.steps // 2
         carried = np.cumprod(errors_mm[half:] <= settings.tolerance_mm, axis=0).sum(axis=0)
         levels = self._shares()[half:]

@@ -1,4 +1,6 @@
-"""The task in the lumen: an instrument is fed into bent lumens that it does not see, and presses on their walls.
+"""Tasks in the lumen: an instrument is fed into bent lumens that it does not see, and presses on their walls.
+
+Force: the peak of the wall force counts. Reach: the depth of the tip counts, before the wall force exceeds a limit.
 
 The gradient by design and policy is exact where walls do not rub; with friction at the walls, what a contact remembers
 of the steps before is a constant.
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -29,14 +31,17 @@ from rollingjoint.errors import ConfigError
 
 _FEED_UNIT = 50.0  # mm, of observations
 _SHARPNESS = 8  # of the peak of a force: a norm of this order over all links and steps
+_STEEPNESS = 2  # of the smooth step of a reach: the order in which it falls with a peak beyond the limit
 _FAILED = 10.0  # N: the peak of an episode in which a step found no pose
 
 
 @dataclass(frozen=True)
 class LumenPush:
-    """Settings of the task in the lumen.
+    """Settings of the tasks in the lumen.
 
     Args:
+        goal: "force", the least peak of the wall force, or "reach", the deepest place of the tip before the wall force
+            exceeds `force_limit`.
         family: of the lumens, a name of rj_gym.surroundings.config.FAMILIES.
         mu: coefficient of friction of the walls.
         steps: of an episode.
@@ -49,9 +54,7 @@ class LumenPush:
         force_limit: wall force up to which the reach is measured [N].
     """
 
-    name: ClassVar[str] = "peak wall force"
-    unit: ClassVar[str] = "N"
-    maximise: ClassVar[bool] = False
+    goal: Annotated[str, choice("force", "reach")] = "force"
     family: Annotated[str, choice(*FAMILIES)] = "gentle"
     mu: Annotated[float, number(0.0, 1.0)] = 0.15
     steps: Annotated[int, integer(1, 200)] = 20
@@ -69,13 +72,28 @@ class LumenPush:
             allowed = f"a tension from low to high, {self.low:g} to {self.high:g} N"
             raise ConfigError("task.start_tension", self.start_tension, allowed)
 
+    @property
+    def name(self) -> str:
+        """Name of the measure."""
+        return "peak wall force" if self.goal == "force" else "reach below the limit"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return "N" if self.goal == "force" else "mm"
+
+    @property
+    def maximise(self) -> bool:
+        """Whether more is better."""
+        return self.goal == "reach"
+
     def on(self, space: DesignBox) -> LumenPushes:
         """The task with the designs of a space."""
         return LumenPushes(self, space)
 
 
 class LumenPushes:
-    """Episodes of the task in the lumen, with the designs of a space.
+    """Episodes of the tasks in the lumen, with the designs of a space.
 
     Args:
         settings: of the task. space: of planar designs whose outline is that of the space's own mechanism.
@@ -106,7 +124,7 @@ class LumenPushes:
         return Scenes(walls, *(part[rows] for part in episodes[1:]))
 
     def scores(self, x: Array, parameters: Array, episodes: Scenes) -> Scores:
-        """How a pair does in episodes; values are the peaks of the wall force [N]."""
+        """How a pair does in episodes; values are the peaks of the wall force [N], or how deep the tip gets [mm]."""
         with torch.no_grad():
             run, _ = self._run(torch.as_tensor(x), torch.as_tensor(parameters), episodes)
         limit = self.settings.force_limit
@@ -115,15 +133,22 @@ class LumenPushes:
         tips[..., 1] += self.settings.feed_mm * np.arange(1.0, len(found) + 1)[:, None]
         arcs = np.array([along(episodes.line, tip)[0] for tip in tips]) - LINE_BEFORE
         peaks = np.maximum.accumulate([self._task.forces(solution) for solution in found], axis=0)
+        reach = np.maximum(np.where(peaks <= limit, arcs, 0.0).max(axis=0), 0.0)
         extra = {
-            "reach below the limit [mm]": np.maximum(np.where(peaks <= limit, arcs, 0.0).max(axis=0), 0.0),
+            "peak wall force [N]": peaks[-1],
+            "reach below the limit [mm]": reach,
             "depth [mm]": arcs[-1],
             "mean tension [N]": np.mean([solution.tensions.mean(axis=1) for solution in found], axis=0),
         }
-        return Scores(np.where(run.ok, peaks[-1], _FAILED), run.ok, extra)
+        values = extra.pop(f"{self.settings.name} [{self.settings.unit}]")
+        return Scores(np.where(run.ok, values, 0.0 if self.settings.maximise else _FAILED), run.ok, extra)
 
     def slope(self, x: Array, parameters: Array, episodes: Scenes, by_design: bool = True) -> Slope:
-        """Mean smooth peak of the wall force [N], and its gradient by the design, (d,), and the policy, (size,)."""
+        """The mean loss and its gradient by the design, (d,), and the policy, (size,).
+
+        It is a smooth peak of the wall force [N], or the share of the way on which the smooth peak so far is above the
+        limit, by a smooth step.
+        """
         design = torch.tensor(np.asarray(x, float), requires_grad=by_design)
         theta = torch.tensor(np.asarray(parameters, float), requires_grad=True)
         run, losses = self._run(design, theta, episodes)
@@ -166,5 +191,9 @@ class LumenPushes:
             actions = self.policy(theta, torch.cat(seen, -1))
             state = run.step(state.commands - settings.action_mm * actions)
             peaks.append(state.forces.square().sum(-1))
-        square = torch.cat(peaks, -1) + 1e-12
-        return run, square.pow(0.5 * _SHARPNESS).sum(-1).pow(1.0 / _SHARPNESS)
+        powers = (torch.stack(peaks) + 1e-12).pow(0.5 * _SHARPNESS).sum(-1)
+        smooth = powers.cumsum(0).pow(1.0 / _SHARPNESS)
+        if settings.goal == "force":
+            return run, smooth[-1]
+        excess = (smooth / settings.force_limit).pow(_STEEPNESS)
+        return run, (excess / (1.0 + excess)).mean(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -22,7 +22,7 @@ class PairSettings:
     """How pairs are trained.
 
     Args:
-        updates: steps of Adam, each with a batch of new rows of the training episodes.
+        updates: steps of Adam, each with a batch of new rows of the training episodes; 0: a pair stays as it is.
         batch: episodes of an update.
         design_rate: step of Adam in the design's box, which is 2 wide; it falls to a tenth along a cosine.
         policy_rate: of the policy's parameters, likewise.
@@ -30,7 +30,7 @@ class PairSettings:
         patience: looks without an improvement by 1 % after which training ends; 0: it never ends early.
     """
 
-    updates: Annotated[int, integer(1, 100_000)] = 70
+    updates: Annotated[int, integer(0, 100_000)] = 70
     batch: Annotated[int, integer(1, 10_000)] = 16
     design_rate: Annotated[float, number(1e-6, 1.0)] = 0.12
     policy_rate: Annotated[float, number(1e-6, 1.0)] = 0.05
@@ -50,6 +50,11 @@ class Splits:
     validation: Any
     test: Any
 
+    def batch(self, task: PairTask, rng: np.random.Generator, size: int) -> Any:
+        """Some of the training episodes, all of them where there are fewer."""
+        rows = rng.choice(self.train_count, min(size, self.train_count), replace=False)
+        return task.chosen(self.train, np.sort(rows))
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -66,6 +71,19 @@ class Pair:
     validation: float
     seconds: float
     history: tuple[tuple[int, float, Array], ...]
+
+
+def descent(groups: Sequence[dict[str, Any]], updates: int) -> Callable[[], None]:
+    """A step of Adam for groups of parameters with gradients; rates fall to a tenth along a cosine over the updates."""
+    adam = torch.optim.Adam(groups, betas=(0.9, 0.95))
+    last = max(updates, 1)
+    fall = torch.optim.lr_scheduler.LambdaLR(adam, lambda k: 0.1 + 0.45 * (1.0 + np.cos(np.pi * k / last)))
+
+    def step() -> None:
+        adam.step()
+        fall.step()
+
+    return step
 
 
 def trained(
@@ -90,9 +108,8 @@ def trained(
     groups = [{"params": [theta], "lr": settings.policy_rate}]
     if by_design:
         groups.append({"params": [x], "lr": settings.design_rate})
-    adam = torch.optim.Adam(groups, betas=(0.9, 0.95))
     last = settings.updates
-    fall = torch.optim.lr_scheduler.LambdaLR(adam, lambda k: 0.1 + 0.45 * (1.0 + np.cos(np.pi * k / last)))
+    step = descent(groups, last)
     best, history = Pair(x.numpy().copy(), theta.numpy().copy(), np.nan, 0.0, ()), []
     sign, since, mark = (1.0 if task.settings.maximise else -1.0), 0, np.nan
     for update in range(last + 1):
@@ -110,14 +127,12 @@ def trained(
                 since, mark = 0, value
         if update == last or since == settings.patience > 0:
             break
-        rows = rng.choice(splits.train_count, min(settings.batch, splits.train_count), replace=False)
-        slope = task.slope(x.numpy(), theta.numpy(), task.chosen(splits.train, np.sort(rows)), by_design)
+        slope = task.slope(x.numpy(), theta.numpy(), splits.batch(task, rng, settings.batch), by_design)
         theta.grad = torch.tensor(slope.policy)
         if by_design:
             _, penalty = problem.with_gradient(x.numpy()[None])
             x.grad = torch.tensor(slope.design + penalty[0])
-        adam.step()
-        fall.step()
+        step()
         with torch.no_grad():
             x.clamp_(-1.0, 1.0)
         shown()

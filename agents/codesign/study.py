@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.codesign.config import LONGEST, TEST, TRAIN, VALIDATION, PairConfig, load_codesign
+from agents.codesign.config import GENERALIST, LONGEST, TEST, TRAIN, VALIDATION, PairConfig, load_codesign
+from agents.codesign.generalist import trained_generalist
 from agents.codesign.pair import Pair, Splits, trained
 from agents.codesign.rivals import best_design, random_designs
 from agents.codesign.task import Array, PairTask
@@ -155,7 +156,9 @@ class Study:
         yield from (f"{name}/seed_{seed}" for seed in seeds[:_EARLY] for name in names)
         yield from (f"random/{number}" for number in range(self.config.random))
         yield from (f"{name}/seed_{seed}" for seed in seeds[_EARLY:] for name in names)
-        yield from (f"search {method}/seed_{seeds[0]}" for method in self.config.search_settings().methods)
+        for inner, around in self.config.search_settings().items():
+            for method in around.methods:
+                yield from (f"search {method}, {inner}/seed_{seed}" for seed in seeds[: around.seeds])
 
     def file(self, unit: str) -> Path:
         """The file of a unit."""
@@ -205,41 +208,47 @@ class Study:
             )
             return self._scored(trained(self.task, self.problem, start, half, self.splits, seed, False, shown))
         policy = np.array(self.result(f"first/seed_{seed}")["parameters"])
-        if kind.startswith("search "):
-            return self._searched(kind.removeprefix("search "), seed, policy, shown)
-        x = reference
+        x, begin = reference, time.process_time()
         if kind in self.rivals:
             x = np.array(self.result(f"design/{kind}")["x"])
+        elif kind.startswith("search "):
+            method, inner = kind.removeprefix("search ").split(", ")
+            x = self._searched(method, inner, seed, policy, shown)
         pair = trained(self.task, self.problem, (x, policy), settings, self.splits, seed, kind == JOINT, shown)
-        return self._scored(pair)
+        return self._scored(replace(pair, seconds=time.process_time() - begin))
 
-    def _searched(self, method: str, seed: int, policy: Array, shown: Callable[[], object]) -> dict[str, Any]:
-        """The best pair of a search whose designs each get a policy, trained from that of the reference."""
-        begin, around = time.process_time(), self.config.search_settings()
+    def _searched(self, method: str, inner: str, seed: int, policy: Array, shown: Callable[[], object]) -> Array:
+        """The design that is best with the policy of the inner controller; the reference where none is feasible.
+
+        Args:
+            policy: of the reference.
+        """
+        around = self.config.search_settings()[inner]
         setup, sign = Setup(self.problem.dimensions, (), seed), -1.0 if self.task.settings.maximise else 1.0
         optimiser = make(method, setup, around.methods[method])
         if optimiser.wants:
             raise ConfigError("search.methods", method, "a method without derivatives: the cost is that of training")
         settings = self.config.pair_settings(around.updates)
-        best: Pair | None = None
-        history, count = [], 0
+        generalist = None
+        if inner == GENERALIST:
+            designs = random_designs(self.problem, around.updates, LONGEST + seed)
+            generalist = trained_generalist(self.task, designs, policy, settings, self.splits, seed, shown)
+            settings = replace(settings, updates=0)
+        x, least_cost, count = np.asarray(self.space.reference()), np.inf, 0
         while count < around.budget:
             designs = optimiser.ask(around.budget - count)
             judged = self.problem.evaluate(designs)
             cost = judged.cost + _NO_DESIGN
             for row in np.flatnonzero(judged.feasible):
-                start = designs[row], policy
+                start = designs[row], policy if generalist is None else generalist(designs[row])
                 pair = trained(self.task, self.problem, start, settings, self.splits, seed, False, shown)
                 if np.isfinite(pair.validation):
                     cost[row] = sign * pair.validation
-                    if best is None or sign * pair.validation < sign * best.validation:
-                        best = pair
-                        history.append((count + int(row) + 1, pair.validation, pair.x))
+                    if cost[row] < least_cost:
+                        x, least_cost = pair.x, cost[row]
             optimiser.tell(Evaluated(designs, cost, judged.values, judged.ok, judged.feasible))
             count += len(designs)
-        if best is None:
-            best = Pair(np.asarray(self.space.reference()), policy, np.nan, 0.0, ())
-        return self._scored(replace(best, seconds=time.process_time() - begin, history=tuple(history)))
+        return x
 
     def _random(self, number: int, shown: Callable[[], object]) -> dict[str, Any]:
         x, seed = self._random_designs[number], self.config.seeds[0]

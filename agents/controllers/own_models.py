@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Array, Controller, Mask
-from rj_gym.many.config import MechanismsConfig
-from rj_gym.tracking.planar import PlanarTask
 
 
 class OwnModels(Controller):
-    """Copies of a controller, one for each mechanism that lanes have, each told that mechanism exactly.
+    """Copies of a controller, one for each mechanism that lanes have, each told that mechanism exactly if not Nominal.
 
-    A copy is bound to the task of rj_gym/RollingJoint-v0 with its mechanism, and sees the observations that this gives.
+    A copy is bound to the task with its mechanism alone, and sees the observations that this gives.
 
     Args:
         controller: not bound yet. envs: a vector environment with many mechanisms, asked for its designs as episodes
@@ -27,7 +24,7 @@ class OwnModels(Controller):
     one_mechanism = False
 
     def __init__(self, controller: Controller, envs: Any) -> None:
-        self.controller, self.envs = controller, envs
+        self.controller, self.envs, self.told = controller, envs, not isinstance(controller, Nominal)
         self.privileged, self.wrappers = controller.privileged, controller.wrappers
         self._copies: dict[tuple[Any, tuple[int, ...]], Controller] = {}  # by design and lanes
 
@@ -43,7 +40,7 @@ class OwnModels(Controller):
                 copy = before[place]
             else:
                 copy, begins = deepcopy(self.controller), np.ones(len(rows), bool)
-                copy.bind(self.task.own_task(design))
+                copy.bind(self.task.own_task(design) if self.told else self.task.plain_task(design.n_links))
             if begins.any():
                 copy.reset(begins)
             self._copies[place] = copy
@@ -59,7 +56,7 @@ class OwnModels(Controller):
 
 
 class Nominal(Controller):
-    """A controller that takes every mechanism for the plain chain of the space with as many links.
+    """A controller that is not told the mechanisms of lanes: it takes them for the plain chain with as many links.
 
     Args:
         controller: not bound yet.
@@ -67,12 +64,12 @@ class Nominal(Controller):
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
+        self.privileged, self.wrappers = controller.privileged, controller.wrappers
 
     def bind(self, task: Any) -> None:
-        """Take over the task, with the plain chain in place of its mechanism."""
+        """Take over the task of one mechanism, which is the plain one."""
         super().bind(task)
-        plain = MechanismsConfig().drawn.reference(task.mechanism.n_links)
-        self.controller.bind(PlanarTask(replace(task.config, mechanism=plain)))
+        self.controller.bind(task)
 
     def reset(self, mask: Mask) -> None:
         """Begin episodes, (B,)."""

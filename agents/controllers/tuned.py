@@ -271,6 +271,20 @@ _BLIND_MECHANISMS = {  # told every design exactly; nominal ones the number of i
 }
 
 
+_IN_SPACE = f"rj_gym/ManyMechanismsInSpace-v0{BLIND}"
+_OF_TUBES: Space = _OF_MECHANISMS | {
+    "feedback.damping": LogUniform(0.1, 5.0),
+    "feedback.far": LogUniform(0.001, 0.1),
+    "filter.force_walk": LogUniform(0.0003, 0.3),
+}
+_BLIND_TUBES = {  # as _BLIND_MECHANISMS; the smoother of arms knows no directions of gravity all around
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 14.5)}),
+    "kalman filter": Tunable(_filter, _OF_TUBES, _ONE),
+    "nominal open loop": Tunable(_nominal(_open_loop), {"rest_tension": Uniform(1.0, 14.5)}),
+    "nominal kalman filter": Tunable(_nominal(_filter), _OF_TUBES, _ONE),
+}
+
+
 def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]) -> Settings:
     return {"filter": {"play_mm": list(play_mm), "sheath_friction": list(sheath_friction)}}
 
@@ -310,6 +324,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
     | {"smoother": Tunable(_smoother_in("rj_gym/ArmInstrument-v0", "probing filter"), _ARM_SMOOTHER)},
     f"rj_gym/PitchYaw-v0{BLIND}": _BLIND_TUBE,
     _MECHANISMS: _BLIND_MECHANISMS,
+    _IN_SPACE: _BLIND_TUBES,
 }
 _LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version and row.tracks}  # and their first versions
 

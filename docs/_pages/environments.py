@@ -30,6 +30,7 @@ TASKS = {  # of the results page, by the stem of the classes
     "ArmInstrument": ("arm_instrument",),
     "PitchYaw": ("pitch_yaw",),
     "ManyMechanisms": (),
+    "ManyMechanismsInSpace": (),
     "CurvatureDesign": (),
     "CoDesign": (),
     "Lumen": (),
@@ -39,6 +40,7 @@ TASKS = {  # of the results page, by the stem of the classes
 TASKS |= {row.stem: () for row in TABLE if row.version}
 PICTURES = {  # of environments without a task: file and caption
     "ManyMechanisms": ("generalist.gif", "One policy on six mechanisms that it has not seen."),
+    "ManyMechanismsInSpace": ("generalist_space.gif", "One policy on six mechanisms in space that it has not seen."),
     "CurvatureDesign": ("design_environment.png", "First and last design of a policy."),
     "CoDesign": ("codesign.png", "The design at the start, and the mechanism in the control phase."),
     "Lumen": ("surroundings_lumen.gif", "A controller that knows the centre line, in a hard lumen."),

@@ -61,7 +61,7 @@ def search_table() -> str:
 def codesign_table() -> str:
     """The keys of a co-design file, those of `pairs` and `search` below them."""
     rows = [*settings_rows(PairConfig).values()]
-    rows += [*settings_rows(PairSettings, "pairs.").values(), *settings_rows(SearchAround, "search.").values()]
+    rows += [*settings_rows(PairSettings, "pairs.").values(), *settings_rows(SearchAround, "search.*.").values()]
     return markdown_table(HEAD, rows, left=4)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -12,19 +12,33 @@ from numpy.typing import NDArray
 
 from rj_gym.core.task import Entry
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.design import DesignSpace, space_of_settings
+from rollingjoint.chain.spatial import SpatialChain
+from rollingjoint.chain.spatial_joints import RollingContact
+from rollingjoint.chain.tendon import OnSurface
+from rollingjoint.design import DesignBox, DesignSpace, MechanismSpace, SpatialDesignSpace, space_of_settings
 from rollingjoint.errors import ConfigError
+from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
+Mechanism = RollingChain | SpatialChain
 
 MOST_LINKS = 16
 """Links of a mechanism at most: up to there chains are solved several at a time."""
 
 CONVEXITY = 0.1  # 1/mm: unit of relative curvatures in observations
-PLACE = 20.0  # mm: unit of places of holes
+PLACE = {2: 20.0, 3: 5.0}  # mm: unit of places of holes, in the plane and in space
 LENGTH = 100.0  # mm: unit of lengths
-_SHARES = (-0.5, 0.0, 0.5)  # of the half width: where relative curvatures are described
+STIFFNESS = 10.0  # N·mm/rad: unit of torsion springs
+_SHARES = {"left": -0.5, "middle": 0.0, "right": 0.5}  # of the half width: where relative curvatures are described
 _BOUND = 5.0
+
+_KINDS = {2: "plane", 3: "space"}
+_SIZES = ("n_links", "n_joints")
+_OWN: dict[int, type[DesignBox]] = {2: DesignSpace, 3: SpatialDesignSpace}
+_SPACES = {
+    2: "fields of a DesignSpace, or with `mechanism` of a MechanismSpace, or one of both: chains in the plane",
+    3: "fields of a SpatialDesignSpace, or with `mechanism` of a MechanismSpace, or one of both: chains in space",
+}
 
 
 @dataclass(frozen=True)
@@ -32,20 +46,27 @@ class DrawnDesigns:
     """The designs of a space with any number of links.
 
     Args:
-        space: with any number of links. links: fewest and most.
+        space: of the most links. links: fewest and most.
     """
 
-    space: DesignSpace
+    space: DesignBox
     links: tuple[int, int]
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any], links: tuple[int, int]) -> DrawnDesigns:
-        """From the plain settings of the space."""
-        return cls(_space(settings), links)
+    def of(cls, settings: Mapping[str, Any], dimension: int, links: tuple[int, int]) -> DrawnDesigns:
+        """From the plain settings of the space; raises ConfigError for links that its designs cannot have."""
+        size = {2: {"n_links": links[1]}, 3: {"n_joints": links[1] - 1}}[dimension]
+        around = "mechanism" in settings
+        space = space_of_settings(settings if around else {"kind": _KINDS[dimension], **settings, **size})
+        if isinstance(space, MechanismSpace) and links != (space.n_links, space.n_links):
+            hint = "Designs around a mechanism have as many links as it has."
+            raise ConfigError("mechanisms.links", links, f"({space.n_links}, {space.n_links})", hint)
+        _sized(space, links[0])  # refuses rings of tendons for which there are too few joints
+        return cls(space, links)
 
-    def reference(self, n_links: int) -> RollingChain:
+    def reference(self, n_links: int) -> Any:
         """The plain chain of the space with this number of links."""
-        return _reference(replace(self.space, n_links=n_links))
+        return _reference(_sized(self.space, n_links))
 
     def __getitem__(self, number: int) -> DrawnDesign:
         """The design with this number, the same object every time."""
@@ -57,73 +78,129 @@ class DrawnDesign:
     """A mechanism, its number, or -1 if it has none, and what observations tell of it."""
 
     number: int
-    mechanism: RollingChain
+    mechanism: Any
 
     @functools.cached_property
     def n_links(self) -> int:
         """Number of links, the base included."""
-        return self.mechanism.n_links
+        return int(self.mechanism.n_links)
 
     @functools.cached_property
     def described(self) -> dict[str, float]:
         """The entries of `description_entries` that it fills, in their units; the others are 0."""
-        chain, values = self.mechanism, {"length": self.mechanism.length / LENGTH}
-        for k in range(1, chain.n_links):
-            below, link = chain.links[k - 1], chain.links[k]
-            values |= {f"link {k} is there": 1.0, f"link {k} height": link.height / chain.length}
-            low, high = chain.joint_limits[k - 1]
-            for share, side in zip(_SHARES, ("left", "middle", "right"), strict=True):
+        return {entry.name: value for entry, value in _description(self.mechanism)}
+
+
+def description_entries(longest: Mechanism) -> list[Entry]:
+    """The entries that describe the design of an episode, link by link; 0 for links that are not there.
+
+    Args:
+        longest: a design with the most links.
+    """
+    return [entry for entry, _ in _description(longest)]
+
+
+def _description(chain: Mechanism) -> Iterator[tuple[Entry, float]]:
+    """The entries that describe a mechanism, and their values."""
+    yield Entry("length", f"{LENGTH:g} mm", 0.0, 2.0 * MOST_LINKS), chain.length / LENGTH
+    for k in range(1, chain.n_links):
+        yield Entry(f"link {k} is there", "1 if so, else 0", 0.0, 1.0), 1.0
+        below, above, contacts, height = _joint_below(chain, k)
+        yield Entry(f"link {k} height", "L", 0.0, 1.0), height / chain.length
+        for side, share in _SHARES.items():
+            convexity = _BOUND  # of a hinge
+            if below is not None and above is not None:
+                low, high = contacts
                 s = 0.5 * (low + high) + share * (high - low) / 2.0
-                relative = float(link.parent.curvature(s) - below.child.curvature(s))
-                values[f"joint {k} {side} convexity"] = relative / CONVEXITY
-            for j, points in enumerate(chain.hole_points):
-                if len(points) > k:
-                    values[f"link {k} hole {j}"] = points[k, 0, 0] / PLACE
-        return values
+                convexity = float(above.curvature(s) - below.curvature(s)) / CONVEXITY
+            yield Entry(f"joint {k} {side} convexity", f"{CONVEXITY:g} /mm", -_BOUND, _BOUND), convexity
+        if isinstance(chain, SpatialChain):
+            joint = chain.joints[k - 1]
+            for name, share in zip(("x", "y"), joint.frame[2], strict=False):
+                yield Entry(f"joint {k} axis {name}", "1", -1.0, 1.0), float(share)
+            yield Entry(f"joint {k} stiffness", f"{STIFFNESS:g} N mm/rad", 0.0, _BOUND), joint.stiffness / STIFFNESS
+        for j, points in enumerate(chain.hole_points):
+            for axis, name in enumerate(_hole_axes(chain)):
+                place = points[k, 0, axis] / PLACE[chain.dimension] if len(points) > k else 0.0
+                unit = f"{PLACE[chain.dimension]:g} mm"
+                yield Entry(f"link {k} hole {j}{name}", unit, -_BOUND, _BOUND), float(place)
 
 
-def description_entries(most_links: int, n_tendons: int) -> list[Entry]:
-    """The entries that describe the design of an episode, link by link up to the most links; 0 for absent links."""
-    entries = [Entry("length", f"{LENGTH:g} mm", 0.0, 2.0 * MOST_LINKS)]
-    for k in range(1, most_links):
-        entries.append(Entry(f"link {k} is there", "1 if so, else 0", 0.0, 1.0))
-        entries.append(Entry(f"link {k} height", "L", 0.0, 1.0))
-        for side in ("left", "middle", "right"):
-            entries.append(Entry(f"joint {k} {side} convexity", f"{CONVEXITY:g} /mm", -_BOUND, _BOUND))
-        entries += [Entry(f"link {k} hole {j}", f"{PLACE:g} mm", -_BOUND, _BOUND) for j in range(n_tendons)]
-    return entries
+def _joint_below(chain: Mechanism, k: int) -> tuple[Surface | None, Surface | None, tuple[float, float], float]:
+    """The surfaces that roll below link k, the range of their contact, and the height of the link [mm].
+
+    The surfaces are None at a hinge.
+    """
+    if isinstance(chain, RollingChain):
+        low, high = chain.joint_limits[k - 1]
+        return chain.links[k - 1].child, chain.links[k].parent, (low, high), chain.links[k].height
+    joint = chain.joints[k - 1]
+    if isinstance(joint, RollingContact):
+        return joint.child, joint.parent, joint.limits, joint.spacing()
+    return None, None, (0.0, 0.0), joint.spacing()
 
 
-def plain_space(space: object) -> dict[str, Any]:
-    """The settings of a space that differ from DesignSpace's, plain values; raises ConfigError for other spaces."""
+def _hole_axes(chain: Mechanism) -> tuple[str, ...]:
+    """Which coordinates of holes describe them, as ends of names: on surfaces x is enough."""
+    if isinstance(chain, SpatialChain):
+        return (" x", " y", " z")
+    holes = (hole for tendon in chain.tendons for pair in tendon.link_holes(chain.n_links) for hole in pair)
+    return ("",) if all(isinstance(hole, OnSurface) for hole in holes) else (" x", " y")
+
+
+def plain_space(space: object, dimension: int) -> dict[str, Any]:
+    """The settings of a space that differ from the plainest one's; raises ConfigError for other spaces.
+
+    Args:
+        dimension: of the room in which mechanisms move, 2 or 3.
+    """
+    kept: dict[str, Any] | None = None
     if isinstance(space, Mapping):
-        if "n_links" in space:
-            raise ConfigError("mechanisms.space.n_links", space["n_links"], "none", "Set mechanisms.links.")
-        space = space_of_settings(space, DesignSpace())
-    if not isinstance(space, DesignSpace):
-        allowed = "fields of a DesignSpace, or a DesignSpace: chains in the plane with two tendons"
-        raise ConfigError("mechanisms.space", space, allowed)
-    values = {entry.name: (getattr(space, entry.name), entry.default) for entry in fields(space)}
-    changed = {name: value for name, (value, default) in values.items() if value != default and name != "n_links"}
+        for name in _SIZES:
+            if name in space:
+                raise ConfigError(f"mechanisms.space.{name}", space[name], "none", "Set mechanisms.links.")
+        if "mechanism" in space:
+            kept, space = dict(space), space_of_settings(space)
+        else:
+            ends = space.get("ends")
+            joints = {"n_joints": ends[-1]} if isinstance(ends, list | tuple) and ends else {}
+            space = space_of_settings({"kind": _KINDS[dimension], **space, **joints})
+    if not isinstance(space, MechanismSpace | _OWN[dimension]) or space.dimension != dimension:
+        raise ConfigError("mechanisms.space", space, _SPACES[dimension])
+    return kept if kept is not None else _changed(space)
+
+
+def _changed(space: DesignBox) -> dict[str, Any]:
+    """The fields of a space that differ from their defaults, without the number of links, as plain values."""
+    values = {entry.name: getattr(space, entry.name) for entry in fields(space) if entry.init}  # type: ignore[arg-type]
+    defaults = {entry.name: entry.default for entry in fields(space)}  # type: ignore[arg-type]
+    if isinstance(space, MechanismSpace):
+        values["mechanism"] = values.pop("base")
+    elif isinstance(space, SpatialDesignSpace) and space.ends == (space.n_joints,):
+        values["ends"] = ()
+    changed = {name: value for name, value in values.items() if value != defaults.get(name) and name not in _SIZES}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in changed.items()}
 
 
-def _space(settings: Mapping[str, Any]) -> DesignSpace:
-    space = space_of_settings(settings, DesignSpace())
-    assert isinstance(space, DesignSpace)
+def _sized(space: DesignBox, n_links: int) -> DesignBox:
+    """The space with this number of links; rings of tendons end at the same shares of the joints."""
+    if isinstance(space, DesignSpace):
+        return replace(space, n_links=n_links)
+    if isinstance(space, SpatialDesignSpace):
+        ends = tuple(round(end * (n_links - 1) / space.n_joints) for end in space.ends)
+        return replace(space, n_joints=n_links - 1, ends=ends)
     return space
 
 
 @functools.lru_cache(maxsize=64)
-def _reference(space: DesignSpace) -> RollingChain:
-    reference: Any = space.reference()
-    return space.chain(reference).mechanism()
+def _reference(space: DesignBox) -> Any:
+    return space.plain.mechanism()
 
 
 @functools.lru_cache(maxsize=8192)
 def _design(designs: DrawnDesigns, number: int) -> DrawnDesign:
     generator, (fewest, most) = np.random.default_rng(number), designs.links
-    space = replace(designs.space, n_links=int(generator.integers(fewest, most + 1)))
+    space = _sized(designs.space, int(generator.integers(fewest, most + 1)))
     vector: Any = space.sample(1, generator)[0]
     chain = space.chain(vector).mechanism()
     return DrawnDesign(number, chain.replace(name=f"design {number}, {chain.n_links} links"))

@@ -17,13 +17,13 @@ from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.tangent import Tangent
-from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.compiled import Pinned, machine_code
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 
 
+_BOUND = {"_pinned", "_pins", "_spread", "_room", "_room_at"}  # attributes of a size that are made anew from the others
 NO_RUNS = np.zeros((0, RUN_COLUMNS), np.int64)
 
 MOST_KNOWN = 128
@@ -34,8 +34,8 @@ class _Known:
     """Mechanisms with the same number of links that have been drawn, in one tuple that only grows while it can."""
 
     def __init__(self) -> None:
-        self.mechanisms: tuple[RollingChain, ...] = ()
-        self._places: dict[RollingChain, int] = {}
+        self.mechanisms: tuple[Any, ...] = ()
+        self._places: dict[Any, int] = {}
 
     def chosen(self, designs: Sequence[DrawnDesign], options: TrackingOptions) -> Chosen:
         """Episodes with these designs."""
@@ -79,7 +79,7 @@ class _Size:
         self._bind()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in {"_pinned", "_pins", "_spread"}}
+        return {name: value for name, value in self.__dict__.items() if name not in _BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
@@ -115,23 +115,24 @@ class _Size:
         if count > 0:
             self.buffer.take(np.arange(count, count + len(lanes)), begins)
         self.place([*self.designs, *designs], np.concatenate([self.lanes, lanes]))
-        self._put(vectors, into, count)
+        self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, count, len(self.designs))
         return begins.sampled_info(draws)
 
-    def step(self, actions: Array, into: Observation) -> None:
-        """One step with the actions of all lanes, (B, m); fills the observations and readings of these."""
+    def step(self, actions: Array, into: int) -> None:
+        """One step with the actions of all lanes, (B, m); fills the observations of these at an address of all."""
+        count = len(self.designs)
         self.buffer.accept_first(actions[self.lanes])
-        self._put(self.buffer.advance_first(len(self.designs)), into)
+        self.buffer.step_into(self._room_at, count)
+        self._spread(self._pins, self._room_at, into, 0, count)
 
     def observe(self, into: Observation) -> None:
         """Fill the current observations of these lanes among all, (B, entries), and their readings."""
-        self._put(self.buffer.observe(), into)
-
-    def _put(self, vectors: Observation, into: Observation, first: int = 0) -> None:
-        """Put observations of rows from `first` on, and their readings, where their lanes are."""
-        self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, first, len(self.designs))
+        vectors = self.buffer.observe()  # lives as long as its address is read
+        self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, 0, len(self.designs))
 
     def _bind(self) -> None:
+        self._room = np.empty((self.buffer.capacity, self._arrays.entries), np.float32)
+        self._room_at = int(self._room.ctypes.data)
         self._pinned = Pinned(self._arrays)
         self._pins = self._pinned.address_for(RowArrays)
         self._spread = machine_code(spread, int, int, int, int, int)
@@ -175,8 +176,9 @@ class ManyEpisodeBuffer(EpisodeBuffer):
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
         """One step of all lanes with the accepted actions; fresh observations, (B, entries)."""
         observations = self._room()
+        address = observations.ctypes.data
         for size in self._running:
-            size.step(self._actions, observations)
+            size.step(self._actions, address)
         return observations
 
     def observe(self) -> Observation:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from rj_gym.core.arguments import checked_keys
 from rj_gym.core.generators import Random, Uniforms, blocks_of
 from rj_gym.core.task import Entry
-from rj_gym.many.config import ManyMechanismsConfig
 from rj_gym.many.designs import DrawnDesign, description_entries
+from rj_gym.tracking.arm import ArmTask
 from rj_gym.tracking.arrays import Rules
-from rj_gym.tracking.draws import TrackingDraws, tendon_stiffnesses
-from rj_gym.tracking.options import NOTHING_FIXED, OPTIONS, TrackingOptions
+from rj_gym.tracking.draws import TrackingDraws
+from rj_gym.tracking.options import ARM_OPTIONS, NOTHING_FIXED, OPTIONS, TrackingOptions
 from rj_gym.tracking.planar import PlanarTask
-from rollingjoint.chain.rolling import RollingChain
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism
@@ -27,20 +27,22 @@ from rollingjoint.io.mechanism_file import load_mechanism
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
+_OF_LINKS = ("surface_offsets", "hinge_stiffnesses", "weights")
+"""Entries of info["sampled"] that have a number for every link."""
 _ONE_NUMBER = blocks_of({"design": (1,)})
 
 
 class Chosen(NamedTuple):
     """What holds of episodes with the same number of links: their mechanisms, and what else a reset fixes."""
 
-    mechanisms: tuple[RollingChain, ...]
+    mechanisms: tuple[Any, ...]
     designs: NDArray[np.int64]  # which of them each episode has, (B,)
     options: TrackingOptions
 
     @classmethod
     def of(cls, designs: Sequence[DrawnDesign], options: TrackingOptions) -> Chosen:
         """Episodes with these designs."""
-        places: dict[RollingChain, int] = {}
+        places: dict[Any, int] = {}
         rows = [places.setdefault(design.mechanism, len(places)) for design in designs]
         return cls(tuple(places), np.array(rows, np.int64), options)
 
@@ -66,8 +68,8 @@ class ManyOptions:
     by_links: Mapping[int, TrackingOptions]
 
 
-class OneSizeTask(PlanarTask):
-    """Tracking with chains of one number of links, of which every lane has its own.
+class OneSizeTask(TrackingTask):
+    """Tracking with chains of one number of links, of which every lane has its own: what the plane and space share.
 
     Observations and privileged states come in units of the plain chain with this number of links and are not clipped:
     `own_units` brings them into those of each mechanism.
@@ -76,8 +78,7 @@ class OneSizeTask(PlanarTask):
     def sample(self, rngs: Random, fixed: Any = None) -> TrackingDraws:
         """One episode per generator, `fixed` a Chosen."""
         draws, (mechanisms, designs, _) = super().sample(rngs, fixed.options), fixed
-        stiffnesses = tendon_stiffnesses(mechanisms).take(designs, axis=0)
-        return replace(draws, mechanisms=mechanisms, designs=designs, stiffnesses=stiffnesses)
+        return replace(draws, mechanisms=mechanisms, designs=designs, **self.of_designs(mechanisms, designs))
 
     def rules(self, goal: bool = False) -> Rules:
         """The parameters that all lanes share, without bounds of observations."""
@@ -88,10 +89,11 @@ class OneSizeTask(PlanarTask):
         return rules._replace(low=-free, high=free, hardware=hardware)
 
     def own_sampled(self, draws: Any, targets: Array) -> dict[str, Any]:
-        """None: surfaces are those of the design."""
-        return {}
+        """Entries of info["sampled"] without those of single links, which are those of the design."""
+        sampled = super().own_sampled(draws, targets)
+        return {name: values for name, values in sampled.items() if name not in _OF_LINKS}
 
-    def own_units(self, entries: Sequence[Entry], mechanism: RollingChain) -> tuple[Array, Array]:
+    def own_units(self, entries: Sequence[Entry], mechanism: Any) -> tuple[Array, Array]:
         """Shifts and factors, (entries,) each: a number of an entry is (number - shift) * factor in own units."""
         factors = np.where([entry.unit == "L" for entry in entries], self.length / mechanism.length, 1.0)
         shifts = np.zeros(len(entries))
@@ -103,30 +105,40 @@ class OneSizeTask(PlanarTask):
         return shifts, factors
 
 
-class ManyMechanismsTask(PlanarTask):
+class PlanarOneSizeTask(OneSizeTask, PlanarTask):
+    """Chains in the plane with one number of links."""
+
+
+class SpatialOneSizeTask(OneSizeTask, ArmTask):
+    """Chains in space with one number of links."""
+
+
+class ManyMechanismsTask(TrackingTask):
     """Tracking with a mechanism that every episode draws; `mechanism` is the plain chain with the most links.
 
-    The entries of an observation are those of PlanarTask for the most links, 0 for links that are not there, and the
+    The entries of an observation are those of the task with the most links, 0 for links that are not there, and the
     description of the design. Numbers are in units of the episode's own mechanism: its length, its neutral lengths.
 
     Attributes:
         drawn: the designs. sizes: the task of every number of links.
+        one: the class of the task with one mechanism. one_size: of those in `sizes`.
     """
 
-    config: ManyMechanismsConfig
+    one: ClassVar[type[TrackingTask]]
+    one_size: ClassVar[type[OneSizeTask]]
+    config: Any
 
-    def __init__(self, config: ManyMechanismsConfig) -> None:
+    def __init__(self, config: Any) -> None:
         self.drawn, (fewest, most) = config.mechanisms.drawn, config.mechanisms.links
         super().__init__(replace(config, mechanism=self.drawn.reference(most)))
-        self.sizes = {n: OneSizeTask(config.of_one(self.drawn.reference(n))) for n in range(fewest, most + 1)}
+        self.sizes = {n: self.one_size(config.of_one(self.drawn.reference(n))) for n in range(fewest, most + 1)}
         self._designs: dict[int, DrawnDesign] = {}
-        self._own_units: dict[RollingChain, OwnUnits] = {}
-        self._own_tasks: dict[RollingChain, PlanarTask] = {}
+        self._own_units: dict[Any, OwnUnits] = {}
+        self._own_tasks: dict[Any, TrackingTask] = {}
 
     def own_entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the task with the most links, and those of the description."""
-        described = description_entries(self.mechanism.n_links, self.mechanism.n_tendons)
-        return super().own_entries(goal) + described
+        return super().own_entries(goal) + description_entries(self.mechanism)
 
     @property
     def plain_columns(self) -> int:
@@ -194,14 +206,15 @@ class ManyMechanismsTask(PlanarTask):
         """Values that the options of a reset fix.
 
         Args:
-            options: as of RollingJoint; "design": the number of a design; "mechanism": one with two tendons and as
-                many links as designs have. A link of a load must be one of every mechanism that may be drawn.
+            options: as of the environment with one mechanism; "design": the number of a design; "mechanism": one with
+                the tendons, and as many links, as designs have. A link of a load must be one of every mechanism that
+                may be drawn.
         Raises:
             InvalidInput: options that cannot be used.
         """
         if not options:
             return None
-        checked_keys(options, ("design", *OPTIONS))
+        checked_keys(options, ("design", *(OPTIONS if self.dimension == 2 else ARM_OPTIONS)))
         others, design = dict(options), None
         number, mechanism = others.pop("design", None), others.pop("mechanism", None)
         if number is not None and mechanism is not None:
@@ -215,24 +228,31 @@ class ManyMechanismsTask(PlanarTask):
             sizes = {design.n_links: sizes[design.n_links]}
         return ManyOptions(design, {n: task.checked_options(others) for n, task in sizes.items()})
 
-    def _checked_mechanism(self, value: Any) -> RollingChain:
+    def _checked_mechanism(self, value: Any) -> Any:
         """The mechanism of an option; InvalidInput unless designs can have its numbers of links and tendons."""
-        mechanism = load_mechanism(value, RollingChain) if isinstance(value, str) else value
+        mechanism = load_mechanism(value, self.config.MECHANISM) if isinstance(value, str) else value
         n = getattr(mechanism, "n_links", 0)
         if n not in self.sizes:
             few, most = self.config.mechanisms.links
-            raise InvalidInput("options['mechanism'] links", n or value, f"a planar chain of {few} to {most} links")
-        chain: RollingChain = self.sizes[n].checked_options({"mechanism": mechanism}).mechanism
-        return chain
+            allowed = f"{self.mechanism.title} of {few} to {most} links"
+            raise InvalidInput("options['mechanism'] links", n or value, allowed)
+        return self.sizes[n].checked_options({"mechanism": mechanism}).mechanism
 
-    def own_task(self, design: DrawnDesign) -> PlanarTask:
-        """The task of RollingJoint with the mechanism of a design, for controllers with a model; all else as here."""
-        if design.mechanism not in self._own_tasks:
-            self._own_tasks[design.mechanism] = PlanarTask(self.config.of_one(design.mechanism))
-        return self._own_tasks[design.mechanism]
+    def own_task(self, design: DrawnDesign) -> TrackingTask:
+        """The task with the mechanism of a design alone, for controllers with a model; all else as here."""
+        return self._task_of(design.mechanism)
+
+    def plain_task(self, n_links: int) -> TrackingTask:
+        """The task with the plain chain of the space with this number of links, for controllers told no more."""
+        return self._task_of(self.drawn.reference(n_links))
+
+    def _task_of(self, mechanism: Any) -> TrackingTask:
+        if mechanism not in self._own_tasks:
+            self._own_tasks[mechanism] = self.one(self.config.of_one(mechanism))
+        return self._own_tasks[mechanism]
 
     def own_observations(self, observations: Any, n_links: int) -> Any:
-        """The observations (B, entries) of mechanisms with this number of links, as RollingJoint gives them."""
+        """The observations (B, entries) of mechanisms with this number of links, as the task with one gives them."""
         if isinstance(observations, Mapping):
             truths = observations["privileged"][:, self.truth_places[n_links]]
             return {"observation": self.own_observations(observations["observation"], n_links), "privileged": truths}
@@ -246,6 +266,20 @@ class ManyMechanismsTask(PlanarTask):
             chosen = Chosen.of([designs[row] for row in rows], NOTHING_FIXED)
             parts.append((rows, self.sizes[n], self.sizes[n].sample([rngs[row] for row in rows], chosen)))
         return parts
+
+
+class ManyPlanarTask(ManyMechanismsTask, PlanarTask):
+    """Tracking with a chain in the plane that every episode draws."""
+
+    one: ClassVar[type[TrackingTask]] = PlanarTask
+    one_size: ClassVar[type[OneSizeTask]] = PlanarOneSizeTask
+
+
+class ManySpatialTask(ManyMechanismsTask, ArmTask):
+    """Tracking with a chain in space that every episode draws."""
+
+    one: ClassVar[type[TrackingTask]] = ArmTask
+    one_size: ClassVar[type[OneSizeTask]] = SpatialOneSizeTask
 
 
 def by_links(designs: Sequence[DrawnDesign]) -> dict[int, NDArray[np.int64]]:

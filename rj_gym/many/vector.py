@@ -1,4 +1,4 @@
-"""The native vector environment of tracking with many mechanisms."""
+"""The native vector environments of tracking with many mechanisms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import ClassVar
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import TaskVectorEnv
 from rj_gym.many.designs import DrawnDesign
-from rj_gym.many.env import ManyMechanismsEnv
+from rj_gym.many.env import ManyMechanismsEnv, ManyMechanismsInSpaceEnv
 
 
 class ManyMechanismsVectorEnv(TaskVectorEnv):
@@ -24,3 +24,9 @@ class ManyMechanismsVectorEnv(TaskVectorEnv):
     def designs(self) -> list[DrawnDesign | None]:
         """The designs of the lanes, None before they begin."""
         return list(self._buffer.designs)  # type: ignore[attr-defined]
+
+
+class ManyMechanismsInSpaceVectorEnv(ManyMechanismsVectorEnv):
+    """`num_envs` independent ManyMechanismsInSpaceEnv in one batch; all else as ManyMechanismsVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = ManyMechanismsInSpaceEnv

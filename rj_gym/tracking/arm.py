@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -72,13 +73,20 @@ class ArmTask(TrackingTask):
         mechanisms, designs = _mechanisms(config.randomization, self.mechanism, uniforms, fixed)
         return ArmDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
+            **self.of_designs(mechanisms, designs),
             gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
             payloads=payloads(config.load, uniforms)
             if config.terms.loads is None
             else own_series(config, "loads", uniforms, mechanisms, ()),
-            hinge_stiffnesses=of_lanes([arm.joint_stiffnesses for arm in mechanisms], designs),
-            weights=of_lanes([arm.weights for arm in mechanisms], designs),
         )
+
+    def of_designs(self, mechanisms: Sequence[Arm], designs: NDArray[np.int64]) -> dict[str, Any]:
+        """The fields of ArmDraws that lanes with these designs have from their arms."""
+        joints = {
+            "hinge_stiffnesses": of_lanes([arm.joint_stiffnesses for arm in mechanisms], designs),
+            "weights": of_lanes([arm.weights for arm in mechanisms], designs),
+        }
+        return super().of_designs(mechanisms, designs) | joints
 
     def own_uniforms(self) -> tuple[Shapes, Shapes]:
         """Shapes of the uniform numbers of an episode that loads, and mechanisms, are drawn from."""

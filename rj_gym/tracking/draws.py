@@ -68,7 +68,7 @@ def shared_draws(
     scale: Callable[[float, float], list[float]],
     parts: tuple[int, ...] = (),
 ) -> dict[str, Any]:
-    """The fields of TrackingDraws.
+    """The fields of TrackingDraws but those that mechanisms have, see `TrackingTask.of_designs`.
 
     Args:
         config, mechanisms, designs, uniforms: as elsewhere.
@@ -88,7 +88,6 @@ def shared_draws(
         "targets": targets,
         "target_tensions": tensions,
         "start_tensions": start_tensions(config, uniforms["start"]),
-        "stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0),
         "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
         "noise": measurement_errors(config, uniforms, scale, parts),
         "friction_mu": None if config.friction is None else friction_mu(config.friction, uniforms),

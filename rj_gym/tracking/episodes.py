@@ -108,14 +108,17 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
                 self._complete(self._at, 0, 1)
             return self._seen[None].copy()
         observations = self._room(count)
-        address = observations.ctypes.data
+        self.step_into(observations.ctypes.data, count)
+        return observations
+
+    def step_into(self, address: int, count: int) -> None:
+        """A step of the first lanes with the accepted actions; their observations, without terms, to an address."""
 
         def work(first: int, last: int) -> None:
             if self._kernels.step(address, first, last):
                 self._complete(address, first, last)
 
         run_in_threads(work, count, self.state.angles.shape[1])
-        return observations
 
     def _complete(self, address: int, first: int, last: int) -> None:
         """A step after lanes were left to the general solver, or to steps with friction."""

@@ -68,6 +68,7 @@ class PlanarTask(TrackingTask):
         mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
         return PlanarDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
+            **self.of_designs(mechanisms, designs),
             links=load_links(config.load, nominal.n_links, uniforms["link"]),
             forces=load_forces(config.load, uniforms)
             if config.terms.loads is None

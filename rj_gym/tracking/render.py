@@ -187,6 +187,7 @@ class ArmCanvas(TrackingCanvas):
 
     def draw(self, scene: ArmScene) -> pygame.Surface:
         """The scene at the picture's size."""
+        self._radius = scene.mechanism.hole_radius
         self._surface.fill(BACKGROUND)
         self._floor(scene)
         self.path(scene.targets, self._seen)

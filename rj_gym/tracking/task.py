@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Any, ClassVar
 
@@ -32,7 +32,7 @@ from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, homed, target_shape
+from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, homed, target_shape, tendon_stiffnesses
 from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
@@ -142,6 +142,10 @@ class TrackingTask(Task):
     @abstractmethod
     def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> TrackingDraws:
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
+
+    def of_designs(self, mechanisms: Sequence[Any], designs: NDArray[np.int64]) -> dict[str, Any]:
+        """The fields of draws that lanes with these designs have from their mechanisms."""
+        return {"stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0)}
 
     @abstractmethod
     def own_uniforms(self) -> tuple[Shapes, Shapes]:

@@ -62,6 +62,9 @@ class SpatialLink:
         object.__setattr__(self, "centre", tuple(centre.tolist()))
 
 
+_WEIGHTLESS = SpatialLink()
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SpatialChain(Chain[SpatialEquilibrium]):
     """A chain of links in space, base first, pulled by tendons; its joints turn about axes of any direction.
@@ -347,7 +350,7 @@ class SpatialChain(Chain[SpatialEquilibrium]):
     @property
     def _bodies(self) -> Sequence[SpatialLink]:
         """The links with their weights, the base included."""
-        return self.links or (SpatialLink(),) * self.n_links
+        return self.links or (_WEIGHTLESS,) * self.n_links
 
     def gravity(self, direction: Triple = (0.0, 0.0, -1.0)) -> Gravity:
         """The weight of every link along a direction of the base frame; (0, 0, 1) lets the chain hang."""

@@ -19,20 +19,29 @@ PAGE = Path("docs/generalist.md").read_text("utf-8")
 FEW = "total_timesteps=60 env.n_envs=3 env.settings.mechanisms.designs=[0,4] env.settings.episode_steps=10"
 
 
-def test_the_generalist_is_at_the_floor_of_feedback_on_designs_that_it_has_not_seen():
+PLANE_AND_SPACE = pytest.mark.parametrize(
+    ("name", "env_id"),
+    [("generalist", "rj_gym/ManyMechanisms-v0"), ("generalist_space", "rj_gym/ManyMechanismsInSpace-v0")],
+    ids=["plane", "space"],
+)
+
+
+@PLANE_AND_SPACE
+def test_the_generalist_is_at_the_floor_of_feedback_on_designs_that_it_has_not_seen(name, env_id):
     settings = {"mechanisms": {"designs": (2_000_000, 2_000_008)}}
-    env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=settings)
+    env = EnvConfig(env_id, settings=settings)
     errors = {
         name: np.median(run_episodes(env, controller, range(60, 68)).last_errors)
-        for name, controller in {"policy": load_policy("generalist"), "model": JacobianFeedback()}.items()
+        for name, controller in {"policy": load_policy(name), "model": JacobianFeedback()}.items()
     }
     assert errors["policy"] < 1.2 * errors["model"] + 0.02
 
 
-def test_where_the_tip_is_not_seen_the_generalist_comes_nearer_than_the_command_of_every_exact_model():
-    policy = load_policy("generalist_blind")
+@PLANE_AND_SPACE
+def test_where_the_tip_is_not_seen_the_generalist_comes_nearer_than_the_command_of_every_exact_model(name, env_id):
+    policy = load_policy(f"{name}_blind")
     settings = {"mechanisms": {"designs": (2_000_000, 2_000_016)}, "sensing": {"pose": "none", "tension_noise": 0.1}}
-    env = EnvConfig("rj_gym/ManyMechanisms-v0", settings=settings)
+    env = EnvConfig(env_id, settings=settings)
     assert policy.settings.sensing == env.arguments()["config"].sensing
     errors = {
         name: np.median(run_episodes(env, controller, range(60, 92)).last_errors)
@@ -41,14 +50,15 @@ def test_where_the_tip_is_not_seen_the_generalist_comes_nearer_than_the_command_
     assert errors["policy"] < 0.9 * errors["model"]
 
 
-def test_a_run_with_many_mechanisms_is_trained_and_exported(tmp_path):
+@PLANE_AND_SPACE
+def test_a_run_with_many_mechanisms_is_trained_and_exported(tmp_path, name, env_id):
     few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
-    arguments = ["--config", "configs/train/generalist.yaml", "--run-dir", str(tmp_path / "run")]
+    arguments = ["--config", f"configs/train/{name}.yaml", "--run-dir", str(tmp_path / "run")]
     assert train.main([*arguments, *(word for one in few for word in ("--set", one))]) == 0
     (file,) = tmp_path.glob("run/best/policy.safetensors")
     policy = policy_in_run(file)
     again = type(policy).from_bytes(policy.to_bytes())
-    assert again.settings == policy.settings and again.sha256 == policy.sha256
+    assert policy.env_id == env_id and again.settings == policy.settings and again.sha256 == policy.sha256
     observation, _ = again.make_env().reset(seed=0)
     assert np.array_equal(again(observation), policy(observation))
 
@@ -62,18 +72,19 @@ def test_the_commands_of_the_page_run(tmp_path, monkeypatch, no_pictures):
         (tmp_path / name).symlink_to(Path(name).resolve())
     monkeypatch.chdir(tmp_path)
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)).splitlines()
-    assert len(commands) == 7
+    assert len(commands) == 11
     few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
-    for command in (commands[0], commands[3], commands[5]):
-        _, _, *arguments = shlex.split(command)
-        assert train.main([*arguments, *(word for one in few for word in ("--set", one))]) == 0
-    _, _, *arguments = shlex.split(commands[1])
-    assert evaluate.main([*arguments, "--episodes", "2"]) == 0
     spec = importlib.util.spec_from_file_location("generalist_benchmark", script)
     module = importlib.util.module_from_spec(spec)
     sys.modules["generalist_benchmark"] = module
     spec.loader.exec_module(module)
-    for command in (commands[2], commands[4], commands[6]):
-        _, _, *arguments = shlex.split(command)
-        assert module.main([*arguments, "--designs", "6", "--episodes", "1"]) == 0
+    short = {
+        "train": lambda words: train.main([*words, *(word for one in few for word in ("--set", one))]),
+        "evaluate": lambda words: evaluate.main([*words, "--episodes", "2"]),
+        "benchmarks/generalist.py": lambda words: module.main([*words, "--designs", "6", "--episodes", "1"]),
+    }
+    for command in commands:
+        _, name, *words = shlex.split(command)
+        assert short[name](words) == 0, command
+    assert module.main(["--lost", "--designs", "2", "--episodes", "1"]) == 0
     sys.modules.pop("generalist_benchmark")

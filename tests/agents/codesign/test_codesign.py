@@ -1,6 +1,7 @@
 """Co-design: gradients of whole rollouts, training, rivals, the command and what it leaves."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import yaml
 
 from agents.codesign.__main__ import main
 from agents.codesign.config import PairConfig, load_codesign
+from agents.codesign.generalist import trained_generalist
 from agents.codesign.hold import TipHold
 from agents.codesign.lumen import LumenPush
 from agents.codesign.pair import PairSettings, Splits, trained
@@ -17,6 +19,7 @@ from agents.codesign.policy import FlatPolicy
 from agents.codesign.report import spearman
 from agents.codesign.rivals import best_design, random_designs
 from agents.codesign.study import Study
+from agents.codesign.task import Slope
 from agents.search.methods import make
 from agents.search.optimiser import Setup
 from rollingjoint.design import DesignSpace, LateralStiffness, Limit, Problem, Term
@@ -43,7 +46,9 @@ rival_budget: 6
 rival_starts: 3
 random: 4
 random_updates: 1
-search: {{methods: {{random: {{batch: 2}}}}, budget: 4, updates: 1}}
+search:
+  retrained: {{methods: {{random: {{batch: 2}}}}, budget: 4, updates: 1}}
+  generalist: {{methods: {{random: {{}}}}, budget: 6, updates: 3}}
 seeds: [1, 2]
 """
 
@@ -73,9 +78,9 @@ def slopes(task, episodes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mu", "exact"), [(0.0, 1e-6), (0.15, 1e-2)])
-def test_gradient_in_the_lumen_is_that_of_whole_rollouts(mu, exact):
-    task = LumenPush(mu=mu, steps=8, feed_mm=5.0).on(space())
+@pytest.mark.parametrize(("goal", "mu", "exact"), [("force", 0.0, 1e-6), ("force", 0.15, 1e-2), ("reach", 0.0, 1e-6)])
+def test_gradient_in_the_lumen_is_that_of_whole_rollouts(goal, mu, exact):
+    task = LumenPush(goal=goal, mu=mu, steps=8, feed_mm=5.0, force_limit=0.3).on(space())
     by_gradient, by_differences = slopes(task, task.episodes(range(3)))
     assert min(map(abs, by_gradient)) > 1e-3
     assert by_gradient == pytest.approx(by_differences, rel=exact)
@@ -106,6 +111,22 @@ def test_a_force_is_carried_up_to_the_level_before_the_first_error_above_the_tol
     assert np.array_equal(small.scores(x, theta, episodes).values, [0.0, 0.0])
 
 
+def test_the_reach_is_the_depth_before_the_force_exceeds_the_limit():
+    settings = LumenPush(family="hard", goal="reach", steps=10, feed_mm=6.0, force_limit=100.0)
+    designs = space()
+    task = settings.on(designs)
+    x, theta, episodes = np.asarray(designs.reference()), task.policy.initial(0), task.episodes(range(4))
+    deep = task.scores(x, theta, episodes)
+    assert np.array_equal(deep.values, deep.extra["depth [mm]"]) and deep.ok.all()
+    peaks = deep.extra["peak wall force [N]"]
+    below = replace(settings, force_limit=float(peaks.min() * (1.0 - 1e-9))).on(designs).scores(x, theta, episodes)
+    assert (below.values < deep.values).all() and np.array_equal(below.extra["peak wall force [N]"], peaks)
+    force = replace(settings, goal="force").on(designs).scores(x, theta, episodes)
+    assert np.array_equal(force.values, peaks)
+    assert np.array_equal(force.extra["reach below the limit [mm]"], deep.values)
+    assert task.settings.maximise and not LumenPush().maximise
+
+
 def test_a_policy_begins_with_actions_of_zero_and_is_a_network():
     policy = FlatPolicy(3, 2, (4,))
     theta = policy.initial(1)
@@ -129,6 +150,26 @@ def test_training_improves_the_pair_and_keeps_the_limits():
     assert both.validation < before and alone.validation < before
     assert np.array_equal(alone.x, start[0]) and not np.array_equal(both.x, start[0])
     assert problem.evaluate(both.x[None]).feasible.all()
+
+
+def test_a_generalist_learns_policies_that_change_with_the_design():
+    class Task:
+        """The best policy of a design is an affine function of it."""
+
+        space, best = space(), np.random.default_rng(0).normal(size=(3, 18))
+
+        def chosen(self, episodes, rows):
+            return episodes
+
+        def slope(self, x, parameters, episodes, by_design):
+            lack = parameters - 1.0 - self.best @ x
+            return Slope(float(lack @ lack), 0.0 * x, 2.0 * lack)
+
+    task, rng = Task(), np.random.default_rng(1)
+    designs, settings = rng.uniform(-1.0, 1.0, (400, 18)), PairSettings(policy_rate=0.3)
+    generalist = trained_generalist(task, designs, np.zeros(3), settings, Splits(None, 4, None, None), 1)
+    for x in rng.uniform(-1.0, 1.0, (5, 18)):
+        assert generalist(x) == pytest.approx(1.0 + task.best @ x, abs=0.1)
 
 
 def test_rivals_are_the_best_of_their_objective_and_random_designs_keep_the_limits():
@@ -168,12 +209,22 @@ def test_shipped_files_can_be_built(file, tmp_path):
         ({"episodes": [1, 2]}, "three numbers"),
         ({"seeds": [1, 1]}, "every seed once"),
         ({"pairs": {"update": 3}}, "pairs: unknown key"),
+        ({"search": {"blind": {}}}, "search: unknown key"),
+        ({"search": {"generalist": {"updates": 0}}}, "search.updates"),
         ({"objectives": [{"weight": 1}]}, "kind"),
     ],
 )
 def test_wrong_settings_are_one_line(change, message):
     with pytest.raises(ConfigError, match=message):
         PairConfig(**(yaml.safe_load(SMALL) | change))
+
+
+def test_a_search_of_earlier_files_retrains_policies():
+    methods = {"methods": {"random": {}}, "budget": 3}
+    former, now = (
+        PairConfig(**(yaml.safe_load(SMALL) | {"search": each})) for each in (methods, {"retrained": methods})
+    )
+    assert former.search_settings() == now.search_settings() and now.search_settings()["retrained"].budget == 3
 
 
 def test_lumens_want_planar_designs_of_one_height():
@@ -190,7 +241,8 @@ def test_the_command_writes_a_report_and_goes_on_where_it_stopped(tmp_path, caps
     assert main([str(file), "--out", str(out)]) == 0
     assert "Co-design" in capsys.readouterr().out
     first = json.loads((out / "report.json").read_text())
-    assert {"joint", "reference", "lateral_stiffness, opposite", "search random"} <= first["means"].keys()
+    assert {"joint", "reference", "lateral_stiffness, opposite", "search random, retrained"} <= first["means"].keys()
+    assert "search random, generalist" in first["means"]
     assert load_mechanism(out / "winner.yaml").n_links == 9
     assert {"designs.png", "morph.gif", "report.md"} <= {path.name for path in out.iterdir()}
     unit = out / "units/joint/seed_2.json"

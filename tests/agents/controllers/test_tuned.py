@@ -35,13 +35,14 @@ from rollingjoint.errors import ConfigError, InvalidInput
 
 INSTRUMENT, CAMERA, LATE = "rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0", "rj_gym/LatePose-v0"
 ARM = "rj_gym/ArmInstrument-v0"
-MECHANISMS = f"rj_gym/ManyMechanisms-v0{BLIND}"
+PITCH_YAW = f"rj_gym/PitchYaw-v0{BLIND}"
+MECHANISMS, IN_SPACE = (f"rj_gym/ManyMechanisms{where}-v0{BLIND}" for where in ("", "InSpace"))
 SEEDS = range(4_000_000, 4_000_040)
 
 
 def env_of(world):
     """The environment of a world: of an id, or with the settings of the file that hides the tip."""
-    files = {f"rj_gym/PitchYaw-v0{BLIND}": "pitch_yaw_blind", MECHANISMS: "generalist_blind"}
+    files = {PITCH_YAW: "pitch_yaw_blind", MECHANISMS: "generalist_blind", IN_SPACE: "generalist_space_blind"}
     settings = env_settings(Path(f"configs/env/{files[world]}.yaml")) if world in files else {}
     return EnvConfig(world.removesuffix(BLIND), settings=settings)
 

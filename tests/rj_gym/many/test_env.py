@@ -1,38 +1,59 @@
-"""rj_gym/ManyMechanisms-v0: every lane is RollingJoint with the mechanism of its design, in its own units."""
+"""Many mechanisms: every lane is RollingJoint, or PitchYaw, with the mechanism of its design, in its own units."""
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils import seeding
 from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 import rj_gym
 from rj_gym.many.episodes import runs_of
 from rj_gym.many.kernels import ABSENT
 from rollingjoint import five_link
-from rollingjoint.design import DesignSpace
+from rollingjoint.design import DesignSpace, SpatialDesignSpace
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
+from rollingjoint.io.mechanism_file import load_mechanism
 
-ID = "rj_gym/ManyMechanisms-v0"
+ID, IN_SPACE = "rj_gym/ManyMechanisms-v0", "rj_gym/ManyMechanismsInSpace-v0"
+BOTH = pytest.mark.parametrize("env_id", [ID, IN_SPACE], ids=["plane", "space"])
+ONE = {ID: "rj_gym/RollingJoint-v0", IN_SPACE: "rj_gym/PitchYaw-v0"}
+TENDONS = {ID: 2, IN_SPACE: 4}
 FEW = {"designs": (0, 12), "links": (3, 5)}
 TALL = {"space": {"symmetric": False, "height": (16.0, 24.0)}, "designs": (0, 3), "links": (3, 4)}
+RINGS = {"space": {"ends": [2, 4]}, "designs": (0, 12), "links": (3, 5)}
+AROUND = {  # one mechanism, with changes
+    ID: {"mechanism": "two_segment", "hole_radius": [-0.5, 0.5]},
+    IN_SPACE: {"mechanism": "pitch_yaw_two_segment", "height": [-0.5, 0.5], "azimuth": [-0.1, 0.1]},
+}
+ARM = {"space": {"mechanism": "small_arm", "hole_radius": [-0.5, 0.5]}, "designs": (0, 4)}
 INSIDE = {  # settings that reach the observation in different ways
     "plain": {"mechanisms": FEW},
     "heights": {"mechanisms": TALL, "observe_load": True},
     "hidden": {"mechanisms": FEW, "sensing": {"pose": "none"}, "observe_history": 2, "privileged": "info"},
     "truth": {"mechanisms": TALL, "privileged": "observation", "randomization": {"position_noise_mm": 0.3}},
 }
+EVERYWHERE = [(ID, settings) for settings in INSIDE.values()] + [
+    (IN_SPACE, settings)
+    for settings in (
+        INSIDE["plain"],
+        {"mechanisms": RINGS, "observe_load": True, "orientation": True},
+        INSIDE["hidden"],
+        {**INSIDE["truth"], "mechanisms": FEW},
+    )
+]
 
 
-def lanes(count: int, **settings):
-    return gymnasium.make_vec(ID, count, "vector_entry_point", **settings)
+def lanes(count: int, env_id: str = ID, **settings):
+    return gymnasium.make_vec(env_id, count, "vector_entry_point", **settings)
 
 
-def one_like(lane_seed: int, design, settings):
-    """RollingJoint with the mechanism of a design, and the random numbers of a lane behind its first."""
-    env = gymnasium.make(
-        "rj_gym/RollingJoint-v0", mechanism=design.mechanism, **{k: v for k, v in settings.items() if k != "mechanisms"}
-    ).unwrapped
+def one_like(lane_seed: int, design, settings, env_id: str = ID):
+    """RollingJoint or PitchYaw with the mechanism of a design, and the random numbers of a lane behind its first."""
+    settings = {k: v for k, v in settings.items() if k != "mechanisms"}
+    if env_id == IN_SPACE:
+        settings = {"target": {"loaded": True}, "load": {"magnitude": (0.0, 1.0)}, **settings}
+    env = gymnasium.make(ONE[env_id], mechanism=design.mechanism, **settings).unwrapped
     generator = seeding.np_random(lane_seed)[0]
     generator.random()
     env.reset()
@@ -44,13 +65,13 @@ def parts(observation):
     return observation.values() if isinstance(observation, dict) else [observation]
 
 
-@pytest.mark.parametrize("settings", INSIDE.values(), ids=INSIDE)
-def test_every_lane_is_rolling_joint_with_its_own_mechanism(settings):
-    envs, rng = lanes(3, **settings), np.random.default_rng(0)
+@pytest.mark.parametrize(("env_id", "settings"), EVERYWHERE)
+def test_every_lane_is_the_task_with_its_own_mechanism(env_id, settings):
+    envs, rng = lanes(3, env_id, **settings), np.random.default_rng(0)
     observations, infos = envs.reset(seed=5)
     designs, task = envs.unwrapped.designs, envs.unwrapped.task
     assert len({design.n_links for design in designs}) > 1
-    singles = [one_like(5 + lane, design, settings) for lane, design in enumerate(designs)]
+    singles = [one_like(5 + lane, design, settings, env_id) for lane, design in enumerate(designs)]
     for _ in range(6):
         for lane, ((_, expected), design) in enumerate(zip(singles, designs, strict=True)):
             row = (
@@ -61,7 +82,7 @@ def test_every_lane_is_rolling_joint_with_its_own_mechanism(settings):
             own = task.own_observations(row, design.n_links)
             for mine, theirs in zip(parts(own), parts(expected), strict=True):
                 np.testing.assert_allclose(mine[0], theirs, rtol=1e-6, atol=2e-6)
-        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        actions = rng.uniform(-1, 1, (3, task.action_size)).astype(np.float32)
         observations, rewards, _, _, infos = envs.step(actions)
         stepped = [env.step(action) for (env, _), action in zip(singles, actions, strict=True)]
         assert rewards.tolist() == [step[1] for step in stepped]
@@ -73,9 +94,10 @@ def test_every_lane_is_rolling_joint_with_its_own_mechanism(settings):
         singles = [(env, step[0]) for (env, _), step in zip(singles, stepped, strict=True)]
 
 
-def test_lanes_equal_scalar_environments_through_restarts_of_some():
+@BOTH
+def test_lanes_equal_scalar_environments_through_restarts_of_some(env_id):
     settings = {"mechanisms": FEW, "episode_steps": 5}
-    envs, singles = lanes(4, **settings), [gymnasium.make(ID, **settings) for _ in range(4)]
+    envs, singles = lanes(4, env_id, **settings), [gymnasium.make(env_id, **settings) for _ in range(4)]
     envs.reset(seed=0)
     for lane, env in enumerate(singles):
         env.reset(seed=lane)
@@ -88,7 +110,7 @@ def test_lanes_equal_scalar_environments_through_restarts_of_some():
             for lane in np.flatnonzero(mask):
                 singles[lane].reset()
             over &= ~mask
-        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        actions = rng.uniform(-1, 1, (4, TENDONS[env_id])).astype(np.float32)
         observations, rewards, terminated, truncated, _ = envs.step(actions)
         for lane, env in enumerate(singles):
             if over[lane]:
@@ -100,10 +122,20 @@ def test_lanes_equal_scalar_environments_through_restarts_of_some():
         over = terminated | truncated
 
 
-def test_a_state_continues_elsewhere_to_the_last_bit():
-    first, second = (lanes(4, mechanisms=FEW, episode_steps=4) for _ in range(2))
+@BOTH
+def test_lanes_that_go_on_keep_their_observations_where_others_begin(env_id):
+    envs = lanes(60, env_id, mechanisms=FEW)
+    envs.reset(seed=0)
+    before = envs.step(np.full((60, TENDONS[env_id]), 0.5, np.float32))[0]
+    mask = np.arange(60) >= 40
+    assert np.array_equal(envs.reset(options={"reset_mask": mask})[0][~mask], before[~mask])
+
+
+@BOTH
+def test_a_state_continues_elsewhere_to_the_last_bit(env_id):
+    first, second = (lanes(4, env_id, mechanisms=FEW, episode_steps=4) for _ in range(2))
     first.reset(seed=3)
-    actions = np.random.default_rng(0).uniform(-1, 1, (12, 4, 2)).astype(np.float32)
+    actions = np.random.default_rng(0).uniform(-1, 1, (12, 4, TENDONS[env_id])).astype(np.float32)
     for action in actions[:6]:
         first.step(action)
     first.reset(options={"reset_mask": [True, False, False, True]})
@@ -159,15 +191,20 @@ def test_a_state_that_does_not_fit_changes_nothing():
     assert all(map(np.array_equal, before, envs.unwrapped.get_state()["episodes"]["lanes"].values()))
 
 
-def test_gymnasiums_checker_passes():
-    check_env(gymnasium.make(ID, mechanisms=FEW).unwrapped, skip_render_check=True)
+@BOTH
+@pytest.mark.filterwarnings("ignore:.*Box observation space.*")
+def test_the_checkers_of_gymnasium_and_stable_baselines_pass(env_id):
+    env = gymnasium.make(env_id, mechanisms=FEW).unwrapped
+    check_env(env, skip_render_check=True)
+    check_env_of_sb3(env, warn=False)
 
 
-def test_the_checker_of_vector_environments_passes():
+@BOTH
+def test_the_checker_of_vector_environments_passes(env_id):
     def make(autoreset_mode):
-        return lanes(3, mechanisms=FEW, episode_steps=4, autoreset_mode=autoreset_mode)
+        return lanes(3, env_id, mechanisms=FEW, episode_steps=4, autoreset_mode=autoreset_mode)
 
-    rj_gym.check_vector_env(make, n_steps=10, scalar=lambda: gymnasium.make(ID, mechanisms=FEW, episode_steps=4))
+    rj_gym.check_vector_env(make, n_steps=10, scalar=lambda: gymnasium.make(env_id, mechanisms=FEW, episode_steps=4))
 
 
 def test_a_design_is_the_same_everywhere_and_others_differ():
@@ -194,23 +231,24 @@ def test_the_description_of_a_design_is_its_own_and_0_for_links_that_are_not_the
     assert len(absent) > 8 and not observation[absent].any()
 
 
-def test_the_tangent_of_every_lane_is_that_of_its_own_mechanism():
-    settings = {"mechanisms": TALL}
-    envs = lanes(3, **settings)
+@BOTH
+def test_the_tangent_of_every_lane_is_that_of_its_own_mechanism(env_id):
+    settings, within = {"mechanisms": TALL if env_id == ID else FEW}, {ID: 1e-6, IN_SPACE: 5e-5}[env_id]  # differences
+    envs = lanes(3, env_id, **settings)
     envs.reset(seed=2)
-    action = np.full((3, 2), [0.5, -0.7], np.float32)
+    action = np.full((3, TENDONS[env_id]), np.resize([0.5, -0.7], TENDONS[env_id]), np.float32)
     envs.step(action)
     whole, task = envs.unwrapped.tangent(), envs.unwrapped.task
     for lane, design in enumerate(envs.unwrapped.designs):
-        single, _ = one_like(2 + lane, design, settings)
+        single, _ = one_like(2 + lane, design, settings, env_id)
         single.step(action[lane])
         own = single._buffer.tangent()
-        np.testing.assert_allclose(whole.tip_rates[lane], own.tip_rates[0], atol=1e-6)
+        np.testing.assert_allclose(whole.tip_rates[lane], own.tip_rates[0], atol=within)
         places = task.pictured_places[design.n_links]
         entries = np.array([1.0 if "angle" in name else task.length for name in task.pictured])[places]
         theirs = np.array([1.0 if "angle" in name else design.mechanism.length for name in single.task.pictured])
         np.testing.assert_allclose(
-            whole.pose_rates[lane, places] / entries[:, None], own.pose_rates[0] / theirs[:, None], atol=1e-6
+            whole.pose_rates[lane, places] / entries[:, None], own.pose_rates[0] / theirs[:, None], atol=within
         )
 
 
@@ -227,12 +265,81 @@ def test_the_tangent_of_every_lane_is_that_of_its_own_mechanism():
         ({"mechanism": "five_link"}, "mechanisms"),
         ({"friction": {"mu": 0.1}}, "friction"),
         ({"randomization": {"stiffness_spread": 0.1}}, "designs"),
+        ({"mechanisms": {"space": {"kind": "space"}}}, "chains in the plane"),
+        ({"mechanisms": {"space": {"mechanism": "pitch_yaw"}}}, "chains in the plane"),
+        ({"mechanisms": {"space": {"mechanism": "five_link"}}}, r"\(5, 5\)"),
     ],
 )
 def test_bad_settings_are_refused_in_a_line(settings, words):
     with pytest.raises(ConfigError, match=words) as refused:
         gymnasium.make(ID, **settings)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"mechanisms": {"space": {"kind": "plane"}}}, "chains in space"),
+        ({"mechanisms": {"space": {"mechanism": "five_link"}}}, "chains in space"),
+        ({"mechanisms": {"space": {"n_joints": 4}}}, "mechanisms.links"),
+        ({"mechanisms": {"space": {"ends": [2, 4]}}}, "ends"),  # designs have 7 joints at most
+        ({"mechanisms": {"space": {"ends": [6, 7]}}}, "ends"),  # those with 2 joints would have 2 rings to the tip
+        ({"mechanisms": {"space": {"ends": 7}}}, "ends"),
+        ({"mechanism": "pitch_yaw"}, "mechanisms"),
+        ({"randomization": {"weight_spread": 0.1}}, "designs"),
+        ({"friction": {"mu": 0.1}}, "friction"),
+    ],
+)
+def test_bad_settings_in_space_are_refused_in_a_line(settings, words):
+    with pytest.raises(ConfigError, match=words) as refused:
+        gymnasium.make(IN_SPACE, **settings)
+    assert "\n" not in str(refused.value)
+
+
+@BOTH
+def test_designs_around_a_mechanism_have_its_tendons_and_where_they_end(env_id):
+    links = {ID: 7, IN_SPACE: 15}[env_id]
+    mechanisms = {"space": AROUND[env_id], "links": (links, links), "designs": (0, 3)}
+    envs = lanes(3, env_id, mechanisms=mechanisms, episode_steps=5)
+    observations, _ = envs.reset(seed=0)
+    task, base = envs.unwrapped.task, load_mechanism(AROUND[env_id]["mechanism"])
+    assert task.action_size == base.n_tendons and observations.shape == (3, len(task.entries()))
+    names = {entry.name: place for place, entry in enumerate(task.entries())}
+    axes = {ID: [""], IN_SPACE: [" x", " y", " z"]}[env_id]
+    for lane, design in enumerate(envs.unwrapped.designs):
+        assert design.mechanism.last_links == base.last_links
+        for j, last in enumerate(base.last_links):
+            for k in range(1, links):
+                places = observations[lane, [names[f"link {k} hole {j}{axis}"] for axis in axes]]
+                assert places.any() == (k <= last)
+    for _ in range(6):
+        envs.step(np.zeros((3, base.n_tendons), np.float32))
+
+
+def test_rings_of_tendons_end_at_the_same_shares_of_the_joints():
+    drawn = rj_gym.MechanismsInSpaceConfig(**RINGS).drawn
+    ends = {drawn[k].n_links: set(drawn[k].mechanism.last_links) for k in range(12)}
+    assert ends == {3: {1, 2}, 4: {2, 3}, 5: {2, 4}}
+
+
+def test_a_hinge_is_described_by_the_largest_convexity():
+    links = load_mechanism("small_arm").n_links
+    env = gymnasium.make(IN_SPACE, mechanisms={**ARM, "links": (links, links)}).unwrapped
+    observation, _ = env.reset(seed=0)
+    names = {entry.name: place for place, entry in enumerate(env.task.entries())}
+    assert observation[names["joint 1 middle convexity"]] == 5.0
+    axis = observation[[names["joint 1 axis x"], names["joint 1 axis y"]]]
+    assert np.hypot(*axis) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_picture_shows_the_mechanism_of_its_episode():
+    env = gymnasium.make(IN_SPACE, mechanisms=FEW, render_mode="rgb_array").unwrapped
+    pictures = []
+    for number in range(2):
+        env.reset(seed=0, options={"design": number})
+        pictures.append(env.render())
+    assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
+    env.close()
 
 
 @pytest.mark.parametrize(
@@ -259,3 +366,14 @@ def test_a_space_is_given_by_its_fields_or_as_an_object():
     given = rj_gym.ManyMechanismsConfig(mechanisms={"space": DesignSpace(symmetric=False, knots=3)})
     assert given.mechanisms.space == {"knots": 3, "symmetric": False}
     assert given == rj_gym.ManyMechanismsConfig(mechanisms={"space": {"symmetric": False, "knots": 3}})
+
+
+def test_a_space_around_a_mechanism_may_be_an_object():
+    space = DesignSpace.of("two_segment", hole_radius=(-0.5, 0.5))
+    given = rj_gym.MechanismsConfig(space=space, links=(space.n_links, space.n_links))
+    named = rj_gym.MechanismsConfig(space={"mechanism": "two_segment", "hole_radius": (-0.5, 0.5)}, links=given.links)
+    assert given.space.keys() >= named.space.keys()
+    np.testing.assert_array_equal(given.drawn[3].mechanism.neutral_lengths, named.drawn[3].mechanism.neutral_lengths)
+    tubes = rj_gym.MechanismsInSpaceConfig(space=SpatialDesignSpace(n_joints=7, ends=(3, 7)))
+    assert tubes.space == {"ends": [3, 7]}
+    assert rj_gym.MechanismsInSpaceConfig(space=SpatialDesignSpace(alike=False)).space == {"alike": False}
