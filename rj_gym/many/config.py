@@ -100,9 +100,12 @@ class ManyMechanismsSettings(Settings):
             if getattr(self.randomization, name) > 0.0:
                 hint = "Mechanisms differ by their designs, in `mechanisms`."
                 raise ConfigError(f"randomization.{name}", getattr(self.randomization, name), "0", hint)
+        hint = "Friction of tendons is for environments with one mechanism."
         if self.friction is not None:
-            hint = "Friction of tendons is a setting of environments with one mechanism."
             raise ConfigError("friction", self.friction, "None with many mechanisms", hint)
+        longest = self.mechanisms.drawn.reference(self.mechanisms.links[1])
+        if longest.has_friction:
+            raise ConfigError("mechanisms.space", longest, "a mechanism without friction", hint)
         if self.terms != Terms():
             raise ConfigError("terms", "own functions", "none with many mechanisms", "Write a wrapper of Gymnasium.")
 

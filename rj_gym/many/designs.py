@@ -202,5 +202,5 @@ def _design(designs: DrawnDesigns, number: int) -> DrawnDesign:
     generator, (fewest, most) = np.random.default_rng(number), designs.links
     space = _sized(designs.space, int(generator.integers(fewest, most + 1)))
     vector: Any = space.sample(1, generator)[0]
-    chain = space.chain(vector).mechanism()
+    chain = space.mechanism(vector) if isinstance(space, MechanismSpace) else space.chain(vector).mechanism()
     return DrawnDesign(number, chain.replace(name=f"design {number}, {chain.n_links} links"))

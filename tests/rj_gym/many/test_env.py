@@ -1,5 +1,7 @@
 """Many mechanisms: every lane is RollingJoint, or PitchYaw, with the mechanism of its design, in its own units."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from rj_gym.many.kernels import ABSENT
 from rollingjoint import five_link
 from rollingjoint.design import DesignSpace, SpatialDesignSpace
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
+from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import load_mechanism
 
 ID, IN_SPACE = "rj_gym/ManyMechanisms-v0", "rj_gym/ManyMechanismsInSpace-v0"
@@ -314,6 +317,16 @@ def test_designs_around_a_mechanism_have_its_tendons_and_where_they_end(env_id):
                 assert places.any() == (k <= last)
     for _ in range(6):
         envs.step(np.zeros((3, base.n_tendons), np.float32))
+
+
+def test_designs_around_a_mechanism_keep_its_weights_and_it_may_not_rub():
+    base = five_link()
+    heavy = base.replace(links=[replace(link, weight=0.5) for link in base.links])
+    drawn = rj_gym.MechanismsConfig(space=DesignSpace.of(heavy), links=(5, 5)).drawn
+    assert [link.weight for link in drawn[7].mechanism.links] == [0.5] * 5
+    rough = base.replace(friction=CapstanFriction(0.1))
+    with pytest.raises(ConfigError, match="without friction"):
+        rj_gym.ManyMechanismsConfig(mechanisms={"space": DesignSpace.of(rough), "links": (5, 5)})
 
 
 def test_rings_of_tendons_end_at_the_same_shares_of_the_joints():
