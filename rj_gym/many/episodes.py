@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -233,8 +233,9 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         parts = checked_parts(state, ("designs", "lanes", "episodes"))
         numbers = checked_array("designs", parts["designs"], np.empty(self.capacity, np.int64))
         check_whole("designs", numbers, -1, 2**31)
-        lanes = checked_parts(parts["lanes"], tuple(parts["episodes"]), "state: lanes")
-        together = np.concatenate([np.asarray(value) for value in lanes.values()] or [NO_ROWS])
+        sizes = tuple(parts["episodes"]) if isinstance(parts["episodes"], Mapping) else ()
+        lanes = checked_parts(parts["lanes"], sizes, "state: lanes")
+        together = np.concatenate([NO_ROWS, *(_checked_lanes(n, rows) for n, rows in lanes.items())])
         if not set(lanes) <= set(map(str, self.task.sizes)) or sorted(together.tolist()) != list(range(self.capacity)):
             raise InvalidInput("state: lanes", lanes, f"each of {self.capacity} lanes once, by number of links")
         before = self.get_state() if self.designs[0] is not None else None
@@ -294,6 +295,12 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         if len(shape) == 1:
             return f"{shape[0]} finite numbers in [-1, 1], one per tendon"
         return f"finite numbers in [-1, 1] of shape {shape}"
+
+
+def _checked_lanes(n_links: str, rows: object) -> Rows:
+    """The lanes with this number of links, in a state; InvalidInput unless they are whole numbers in a row."""
+    count = rows.size if isinstance(rows, np.ndarray) else 0
+    return checked_array(f"lanes with {n_links} links", rows, np.empty(count, np.int64))
 
 
 def runs_of(places: NDArray[np.intp], entries: int) -> NDArray[np.int64]:

@@ -22,6 +22,8 @@ IDS = {  # id: weight, lanes of a batch, steps of a round
     "rj_gym/FlexibleArmGoal-v0": (0.5, 16, 40),
     "rj_gym/PitchYaw-v0": (1, 64, 60),
     "rj_gym/ArmInstrument-v0": (0.5, 16, 40),
+    "rj_gym/ManyMechanisms-v0": (0.5, 32, 70),
+    "rj_gym/ManyMechanismsInSpace-v0": (0.5, 32, 70),
     "rj_gym/CurvatureDesign-v0": (0.1, 4, 8),
     "rj_gym/CoDesign-v0": (0.1, 4, 8),
     "rj_gym/Lumen-v0": (1, 32, 70),

@@ -188,9 +188,12 @@ def test_a_state_that_does_not_fit_changes_nothing():
     envs.reset(seed=0)
     state = envs.unwrapped.get_state()
     before = [array.copy() for array in state["episodes"]["lanes"].values()]
-    bad = {**state, "episodes": {**state["episodes"], "lanes": {"3": np.array([0, 0, 1])}}}
+    own = state["episodes"]["lanes"]
+    for wrong in ({"3": np.array([0, 0, 1])}, {n: rows[:, None] for n, rows in own.items()}, dict.fromkeys(own, 1)):
+        with pytest.raises(InvalidInput, match="lanes"):
+            envs.unwrapped.set_state({**state, "episodes": {**state["episodes"], "lanes": wrong}})
     with pytest.raises(InvalidInput, match="lanes"):
-        envs.unwrapped.set_state(bad)
+        envs.unwrapped.set_state({**state, "episodes": {**state["episodes"], "episodes": 3}})
     assert all(map(np.array_equal, before, envs.unwrapped.get_state()["episodes"]["lanes"].values()))
 
 
