@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -17,7 +18,6 @@ from rollingjoint.chain.spatial_joints import RollingContact
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.design import DesignBox, DesignSpace, MechanismSpace, SpatialDesignSpace, space_of_settings
 from rollingjoint.errors import ConfigError
-from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
 Mechanism = RollingChain | SpatialChain
@@ -29,12 +29,10 @@ CONVEXITY = 0.1  # 1/mm: unit of relative curvatures in observations
 PLACE = {2: 20.0, 3: 5.0}  # mm: unit of places of holes, in the plane and in space
 LENGTH = 100.0  # mm: unit of lengths
 STIFFNESS = 10.0  # N·mm/rad: unit of torsion springs
-_SHARES = {"left": -0.5, "middle": 0.0, "right": 0.5}  # of the half width: where relative curvatures are described
 _BOUND = 5.0
 
 _KINDS = {2: "plane", 3: "space"}
 _SIZES = ("n_links", "n_joints")
-_OWN: dict[int, type[DesignBox]] = {2: DesignSpace, 3: SpatialDesignSpace}
 _SPACES = {
     2: "fields of a DesignSpace, or with `mechanism` of a MechanismSpace, or one of both: chains in the plane",
     3: "fields of a SpatialDesignSpace, or with `mechanism` of a MechanismSpace, or one of both: chains in space",
@@ -102,42 +100,37 @@ def description_entries(longest: Mechanism) -> list[Entry]:
 
 def _description(chain: Mechanism) -> Iterator[tuple[Entry, float]]:
     """The entries that describe a mechanism, and their values."""
+    unit, axes = PLACE[chain.dimension], _hole_axes(chain)
     yield Entry("length", f"{LENGTH:g} mm", 0.0, 2.0 * MOST_LINKS), chain.length / LENGTH
     for k in range(1, chain.n_links):
         yield Entry(f"link {k} is there", "1 if so, else 0", 0.0, 1.0), 1.0
-        below, above, contacts, height = _joint_below(chain, k)
+        height = chain.links[k].height if isinstance(chain, RollingChain) else chain.joints[k - 1].spacing()
         yield Entry(f"link {k} height", "L", 0.0, 1.0), height / chain.length
-        for side, share in _SHARES.items():
-            convexity = _BOUND  # of a hinge
-            if below is not None and above is not None:
-                low, high = contacts
-                s = 0.5 * (low + high) + share * (high - low) / 2.0
-                convexity = float(above.curvature(s) - below.curvature(s)) / CONVEXITY
-            yield Entry(f"joint {k} {side} convexity", f"{CONVEXITY:g} /mm", -_BOUND, _BOUND), convexity
+        for side, convexity in zip(("left", "middle", "right"), _convexities(chain, k), strict=True):
+            entry = Entry(f"joint {k} {side} convexity", f"{CONVEXITY:g} /mm", -_BOUND, _BOUND)
+            yield entry, convexity / CONVEXITY
         if isinstance(chain, SpatialChain):
             joint = chain.joints[k - 1]
-            for name, share in zip(("x", "y"), joint.frame[2], strict=False):
-                yield Entry(f"joint {k} axis {name}", "1", -1.0, 1.0), float(share)
+            x, y, _ = joint.frame[2].tolist()
+            yield Entry(f"joint {k} axis x", "1", -1.0, 1.0), x
+            yield Entry(f"joint {k} axis y", "1", -1.0, 1.0), y
             yield Entry(f"joint {k} stiffness", f"{STIFFNESS:g} N mm/rad", 0.0, _BOUND), joint.stiffness / STIFFNESS
         for j, points in enumerate(chain.hole_points):
-            for axis, name in enumerate(_hole_axes(chain)):
-                place = points[k, 0, axis] / PLACE[chain.dimension] if len(points) > k else 0.0
-                unit = f"{PLACE[chain.dimension]:g} mm"
-                yield Entry(f"link {k} hole {j}{name}", unit, -_BOUND, _BOUND), float(place)
+            for axis, name in enumerate(axes):
+                place = float(points[k, 0, axis]) if len(points) > k else 0.0
+                yield Entry(f"link {k} hole {j}{name}", f"{unit:g} mm", -_BOUND, _BOUND), place / unit
 
 
-def _joint_below(chain: Mechanism, k: int) -> tuple[Surface | None, Surface | None, tuple[float, float], float]:
-    """The surfaces that roll below link k, the range of their contact, and the height of the link [mm].
-
-    The surfaces are None at a hinge.
-    """
+def _convexities(chain: Mechanism, k: int) -> list[float]:
+    """Relative curvatures of the surfaces below link k, at 1/4, 1/2, 3/4 of their range [1/mm]; infinite of a hinge."""
     if isinstance(chain, RollingChain):
-        low, high = chain.joint_limits[k - 1]
-        return chain.links[k - 1].child, chain.links[k].parent, (low, high), chain.links[k].height
-    joint = chain.joints[k - 1]
-    if isinstance(joint, RollingContact):
-        return joint.child, joint.parent, joint.limits, joint.spacing()
-    return None, None, (0.0, 0.0), joint.spacing()
+        below, above, (low, high) = chain.links[k - 1].child, chain.links[k].parent, chain.joint_limits[k - 1]
+    elif isinstance(contact := chain.joints[k - 1], RollingContact):
+        below, above, (low, high) = contact.child, contact.parent, contact.limits
+    else:
+        return [math.inf] * 3
+    places = [0.5 * (low + high) + share * (high - low) / 2.0 for share in (-0.5, 0.0, 0.5)]  # of the half width
+    return [float(above.curvature(s) - below.curvature(s)) for s in places]
 
 
 def _hole_axes(chain: Mechanism) -> tuple[str, ...]:
@@ -165,7 +158,7 @@ def plain_space(space: object, dimension: int) -> dict[str, Any]:
             ends = space.get("ends")
             joints = {"n_joints": ends[-1]} if isinstance(ends, list | tuple) and ends else {}
             space = space_of_settings({"kind": _KINDS[dimension], **space, **joints})
-    if not isinstance(space, MechanismSpace | _OWN[dimension]) or space.dimension != dimension:
+    if not isinstance(space, DesignBox) or space.dimension != dimension:
         raise ConfigError("mechanisms.space", space, _SPACES[dimension])
     return kept if kept is not None else _changed(space)
 

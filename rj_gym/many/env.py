@@ -94,9 +94,9 @@ class ManyMechanismsInSpaceEnv(ManyDesignsEnv, PitchYawEnv):
     They come link by link; all of links that are not there are 0.
 
     ## Start
-    As PitchYawEnv, with a payload up to 1 N and a target that the tip can reach under it; before that the mechanism is drawn, uniformly
-    among the numbered designs of `mechanisms`. `reset(options=...)` fixes it by "design", a number, or by "mechanism", a
-    SpatialChain of 3 to 8 links with four tendons.
+    As PitchYawEnv, with a payload up to 1 N and a target that the tip can reach under it; before that the mechanism is
+    drawn, uniformly among the numbered designs of `mechanisms`. `reset(options=...)` fixes it by "design", a number, or
+    by "mechanism", a SpatialChain of 3 to 8 links with four tendons.
 
     ## Info
     As PitchYawEnv; `sampled` has `design`, its number (-1: given by its options), and `n_links`, and no numbers of single

@@ -183,16 +183,14 @@ class ArmCanvas(TrackingCanvas):
         near, up = np.array([-right[1], right[0], 0.0]), np.array([0.0, 0.0, -1.0])
         c, s = np.cos(_ELEVATION), np.sin(_ELEVATION)
         self._view = np.array([right, c * up - s * near, s * up + c * near])  # right, up, towards the viewer
-        self._radius = arm.hole_radius
 
     def draw(self, scene: ArmScene) -> pygame.Surface:
         """The scene at the picture's size."""
-        self._radius = scene.mechanism.hole_radius
         self._surface.fill(BACKGROUND)
         self._floor(scene)
         self.path(scene.targets, self._seen)
         self._arm(scene)
-        self._plate(scene.mechanism.base_height)
+        self._plate(scene.mechanism)
         if len(scene.trail) > 1:
             self.trail(self._seen(scene.trail), BACKGROUND)
         self._frames(scene)
@@ -216,7 +214,7 @@ class ArmCanvas(TrackingCanvas):
         def below(points: Array) -> Array:
             return self._seen(np.append(points[..., :2], np.full((*points.shape[:-1], 1), z), axis=-1))
 
-        self.line(below(scene.poses[:, :3, 3]), 1.6 * self._radius / self.unit, _SHADOW)
+        self.line(below(scene.poses[:, :3, 3]), 1.6 * scene.mechanism.hole_radius / self.unit, _SHADOW)
         faint = blend(BACKGROUND, TARGET, 0.45)
         self.dashes(below(scene.target), self._seen(scene.target), 0.35, faint)
         around = np.linspace(0, 2 * np.pi, 25)[:, None] * [1.0, 1.0, 0.0]
@@ -224,9 +222,9 @@ class ArmCanvas(TrackingCanvas):
         self.line(below(scene.target + ring), 0.7, faint)
         self.disc(below(scene.tip), 1.6, blend(BACKGROUND, INK, 0.5))
 
-    def _plate(self, low_side: float) -> None:
-        """The plate from which the arm hangs, down to this z; seen from above, it hides where the arm begins."""
-        half = max(1.2 * self._radius, min(2.6 * self._radius, 0.1 * self._length))
+    def _plate(self, arm: HingeChain | SpatialChain) -> None:
+        """The plate from which the arm hangs; seen from above, it hides where the arm begins."""
+        half, low_side = max(1.2 * arm.hole_radius, min(2.6 * arm.hole_radius, 0.1 * self._length)), arm.base_height
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
         heights = low_side, low_side - 0.02 * self._length
         low, high = (np.append(corners, np.full((4, 1), z), axis=1) for z in heights)
@@ -252,11 +250,12 @@ class ArmCanvas(TrackingCanvas):
 
     def _bodies(self, scene: ArmScene) -> Iterator[_Piece]:
         """Tubes in the light, from hole to hole, and the visible backbone between them."""
-        ends, R, origins = scene.mechanism.body_ends, scene.poses[1:, :3, :3], scene.poses[1:, :3, 3]
+        radius, ends = scene.mechanism.hole_radius, scene.mechanism.body_ends
+        R, origins = scene.poses[1:, :3, :3], scene.poses[1:, :3, 3]
         turns = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
         out = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1) @ np.swapaxes(R, 1, 2)
         centres = [origins + end[:, None] * R[..., 2] for end in ends.T]
-        upper, lower = (self._pixels(self._seen(self._radius * out + centre[:, None])) for centre in centres)
+        upper, lower = (self._pixels(self._seen(radius * out + centre[:, None])) for centre in centres)
         normals, axes = 0.5 * (out[:, 1:] + out[:, :-1]) @ self._view.T, R[..., 2] @ self._view.T
         depths = 0.5 * (centres[0] + centres[1]) @ self._view[2]
         for k, depth in enumerate(depths.tolist()):
