@@ -49,19 +49,24 @@ def run_in_threads(work: _Work, n_rows: int, n_joints: int, abandon: bool = Fals
     Args:
         abandon: with long chains not to wait even for the pieces: for work on arrays that are unused afterwards.
     """
-    count = max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
-    if n_joints > _SHORT_CHAIN:
-        _run_apart(_ThreadedCall(work), n_rows, count, abandon)
-    elif n_rows * n_joints <= _JOINTS_OF_A_PIECE and count == 1:
+    count = _threads_for(n_rows, n_joints)
+    if runs_at_once(n_joints, n_rows):
         work(0, n_rows)
+    elif n_joints > _SHORT_CHAIN:
+        _run_apart(_ThreadedCall(work), n_rows, count, abandon)
     else:
         rows = _ROWS_SIDE_BY_SIDE * (1 + _JOINTS_OF_A_PIECE // (_ROWS_SIDE_BY_SIDE * max(n_joints, 1)))
         _run_together(_ThreadedCall(work), n_rows, count, rows)
 
 
-def runs_at_once(n_joints: int) -> bool:
-    """True where run_in_threads does one row of such a chain by a plain call, on the thread of its caller."""
-    return n_joints <= _SHORT_CHAIN
+def runs_at_once(n_joints: int, n_rows: int = 1) -> bool:
+    """True where run_in_threads does rows of such a chain by one plain call, on the thread of its caller."""
+    few = n_rows * n_joints <= _JOINTS_OF_A_PIECE and _threads_for(n_rows, n_joints) == 1
+    return n_joints <= _SHORT_CHAIN and (n_rows == 1 or few)
+
+
+def _threads_for(n_rows: int, n_joints: int) -> int:
+    return max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
 
 
 def _run_together(call: _ThreadedCall, n_rows: int, count: int, rows: int) -> None:

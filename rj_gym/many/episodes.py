@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,29 @@ from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Generators, Random
 from rj_gym.many.designs import DrawnDesign
-from rj_gym.many.kernels import ABSENT, RUN_COLUMNS, UNIT_ROWS, LaneArrays, RowArrays, spread
+from rj_gym.many.kernels import (
+    ABSENT,
+    RUN_COLUMNS,
+    SIZE_COLUMNS,
+    UNIT_ROWS,
+    LaneArrays,
+    RowArrays,
+    SizeArrays,
+    spread,
+    step_sizes,
+)
 from rj_gym.many.task import Chosen, ManyMechanismsTask, ManyOptions, by_links
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.tangent import Tangent
-from rollingjoint.compiled import Pinned, machine_code
+from rollingjoint.compiled import Pinned, machine_code, runs_at_once
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 
 
 _BOUND = {"_pinned", "_pins", "_spread", "_room", "_room_at"}  # attributes of a size that are made anew from the others
+_ARRANGED = {"_running", "_pinned", "_step"}  # the same of a buffer
 NO_RUNS = np.zeros((0, RUN_COLUMNS), np.int64)
 
 MOST_KNOWN = 128
@@ -118,11 +130,19 @@ class _Size:
         self._spread(self._pins, vectors.ctypes.data, into.ctypes.data, count, len(self.designs))
         return begins.sampled_info(draws)
 
-    def step(self, actions: Array, into: int) -> None:
-        """One step with the actions of all lanes, (B, m); fills the observations of these at an address of all."""
+    def columns(self) -> list[int]:
+        """The row of SizeArrays.sizes."""
+        self._at_once = runs_at_once(self.own.mechanism.n_joints, len(self.designs))
+        return [self.buffer.pins, self._pins, self._room_at, len(self.designs), int(self._at_once)]
+
+    def step_apart(self, actions: Array, into: int) -> None:
+        """The step that `step_sizes` has left, with the actions of all lanes, (B, m); observations as there."""
         count = len(self.designs)
-        self.buffer.accept_first(actions[self.lanes])
-        self.buffer.step_into(self._room_at, count)
+        if self._at_once:
+            self.buffer.complete(self._room_at, 0, count)
+        else:
+            self.buffer.accept_first(actions[self.lanes])
+            self.buffer.step_into(self._room_at, count)
         self._spread(self._pins, self._room_at, into, 0, count)
 
     def observe(self, into: Observation) -> None:
@@ -172,13 +192,21 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             truth_bounds,
             self.readings,
         )
+        self._arrange()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in _ARRANGED}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._arrange()
 
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
         """One step of all lanes with the accepted actions; fresh observations, (B, entries)."""
         observations = self._room()
-        address = observations.ctypes.data
-        for size in self._running:
-            size.step(self._actions, address)
+        address, place = observations.ctypes.data, -1
+        while (place := self._step(address, place + 1)) < len(self._running):
+            self._running[place].step_apart(self._actions, address)
         return observations
 
     def observe(self) -> Observation:
@@ -208,6 +236,7 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         sampled["design"] = np.array([design.number for design in designs], np.int64)
         sampled["n_links"] = np.array([design.n_links for design in designs], np.int64)
         self._actions[rows] = 0.0
+        self._arrange()
         return sampled, observations[rows]
 
     def tangent(self) -> Tangent:
@@ -266,12 +295,15 @@ class ManyEpisodeBuffer(EpisodeBuffer):
             own = [DrawnDesign(int(numbers[lane]), mechanisms[row]) for lane, row in zip(lanes[n], rows, strict=True)]
             size.place(own, lanes[n])
             self._describe(size.lanes, own)
+        self._arrange()
         self.observe()
 
-    @property
-    def _running(self) -> list[_Size]:
-        """The numbers of links that lanes have."""
-        return [size for size in self._sizes.values() if size.designs]
+    def _arrange(self) -> None:
+        """Note the numbers of links that lanes have, and where they are, for steps."""
+        self._running = [size for size in self._sizes.values() if size.designs]
+        sizes = np.array([size.columns() for size in self._running], np.int64).reshape(-1, SIZE_COLUMNS)
+        self._pinned = Pinned(SizeArrays(sizes, self._actions))
+        self._step = partial(machine_code(step_sizes, int, int, int), self._pinned.address_for(SizeArrays))
 
     def _room(self) -> Observation:
         """Room for the observations of all lanes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,7 +21,6 @@ from rj_gym.tracking.draws import (
     load_shapes,
     loads_over_time,
     normal,
-    of_lanes,
     over_time,
     own_series,
     shared_draws,
@@ -82,10 +82,8 @@ class ArmTask(TrackingTask):
 
     def of_designs(self, mechanisms: Sequence[Arm], designs: NDArray[np.int64]) -> dict[str, Any]:
         """The fields of ArmDraws that lanes with these designs have from their arms."""
-        joints = {
-            "hinge_stiffnesses": of_lanes([arm.joint_stiffnesses for arm in mechanisms], designs),
-            "weights": of_lanes([arm.weights for arm in mechanisms], designs),
-        }
+        names = {"hinge_stiffnesses": "joint_stiffnesses", "weights": "weights"}
+        joints = {own: self.kept_rows.of(mechanisms, name).take(designs, axis=0) for own, name in names.items()}
         return super().of_designs(mechanisms, designs) | joints
 
     def own_uniforms(self) -> tuple[Shapes, Shapes]:
@@ -104,8 +102,8 @@ class ArmTask(TrackingTask):
 
     def load_tables(self, episodes: ArmDraws, step: int) -> Array:
         """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, columns)."""
-        nowhere = np.zeros(3)
-        tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
+        rows = self.kept_rows.of(episodes.mechanisms, "weight rows", partial(self.weight_rows, gravity=np.zeros(3)))
+        tables = rows.take(episodes.designs, axis=0)
         tables[:, :-1, _FX : _FX + 3] = episodes.weights[:, :, None] * episodes.gravity[:, None]
         tables[:, -1, _FX : _FX + 3] = episodes.forces[:, min(step, episodes.payloads.shape[1] - 1)]
         return tables

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -121,13 +122,25 @@ def measurement_errors(
     return errors
 
 
-def tendon_stiffnesses(mechanisms: Sequence[Any]) -> Array:
-    """Tendon stiffnesses of every mechanism, (D, m) [N/mm]."""
-    if isinstance(mechanisms, Variations):
-        return mechanisms.stiffnesses
-    if len(mechanisms) == 1:
-        return mechanisms[0].stiffnesses[None]
-    return np.array([mechanism.stiffnesses for mechanism in mechanisms])
+class KeptRows:
+    """Arrays with a row per mechanism; of several they are kept until others come, for most draw from the same ones."""
+
+    def __init__(self) -> None:
+        self._mechanisms: Sequence[Any] = ()
+        self._kept: dict[str, Array] = {}
+
+    def of(self, mechanisms: Sequence[Any], name: str, of_one: Callable[[Any], Any] | None = None) -> Array:
+        """Of every mechanism its attribute `name`, or what `of_one` makes of it, (D, ...)."""
+        if isinstance(mechanisms, Variations):
+            return np.asarray(getattr(mechanisms, name))
+        of_one = of_one or attrgetter(name)
+        if len(mechanisms) == 1:
+            return np.array([of_one(mechanisms[0])], float)
+        if mechanisms is not self._mechanisms:
+            self._mechanisms, self._kept = mechanisms, {}
+        if name not in self._kept:
+            self._kept[name] = np.array(list(map(of_one, mechanisms)), float)
+        return self._kept[name]
 
 
 def of_lanes(values: Sequence[Any], designs: NDArray[np.int64]) -> Array:

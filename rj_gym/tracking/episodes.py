@@ -75,7 +75,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         if remainder := self._kernels.step(self._at, 0, 1):
             if remainder == REFUSED:
                 raise InvalidInput("action", action, self._allowed(self._action.shape))
-            self._complete(self._at, 0, 1)
+            self.complete(self._at, 0, 1)
         if self._terms is not None:
             (observation,) = self._terms.apply(self._seen[None])
             return observation.copy(), self._row.copy()
@@ -96,6 +96,11 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         """Keep actions of the first lanes, (count, m), that were checked."""
         self._actions[: len(actions)] = actions
 
+    @property
+    def pins(self) -> int:
+        """Address of the pins of TaskArrays, for the kernel `step`, until lanes have other mechanisms."""
+        return self._kernels.pins
+
     def advance_first(self, count: int) -> Observation:
         """A step of the first lanes with the accepted actions; their fresh observations, (count, entries)."""
         observations = self._stepped(count)
@@ -105,7 +110,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         """`advance_first` without the settings' terms."""
         if count == 1 and self._at_once:
             if self._kernels.step(self._at, 0, 1):
-                self._complete(self._at, 0, 1)
+                self.complete(self._at, 0, 1)
             return self._seen[None].copy()
         observations = self._room(count)
         self.step_into(observations.ctypes.data, count)
@@ -116,11 +121,11 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
         def work(first: int, last: int) -> None:
             if self._kernels.step(address, first, last):
-                self._complete(address, first, last)
+                self.complete(address, first, last)
 
         run_in_threads(work, count, self.state.angles.shape[1])
 
-    def _complete(self, address: int, first: int, last: int) -> None:
+    def complete(self, address: int, first: int, last: int) -> None:
         """A step after lanes were left to the general solver, or to steps with friction."""
         self.solver.solve_the_rest(first, last, self._kernels.revise if self._rules.hardware.limits_pulls else None)
         self._kernels.finish(address, first, last)

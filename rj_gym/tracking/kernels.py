@@ -67,7 +67,7 @@ class StepKernels:
 
     def __init__(self, arrays: TaskArrays) -> None:
         self._pinned = Pinned(arrays)
-        self._pins = self._pinned.address_for(TaskArrays)
+        self.pins = self._pinned.address_for(TaskArrays)
         self._step = machine_code(step, int, int, int, int)
         self._finish = machine_code(finish, int, int, int, int)
         self._revise = machine_code(revise, int, int, int)
@@ -75,21 +75,21 @@ class StepKernels:
 
     def step(self, address: int, first: int, last: int) -> int:
         """One step of lanes; how many of them are left to the general solver, or REFUSED: see `step`."""
-        remaining: int = self._step(self._pins, address, first, last)
+        remaining: int = self._step(self.pins, address, first, last)
         return remaining
 
     def finish(self, address: int, first: int, last: int) -> None:
         """End the step of lanes of which some were left to the general solver."""
-        self._finish(self._pins, address, first, last)
+        self._finish(self.pins, address, first, last)
 
     def revise(self, first: int, last: int) -> int:
         """How many lanes have to be solved anew, PENDING, since pulls end in another way: see motors.py."""
-        wrong: int = self._revise(self._pins, first, last)
+        wrong: int = self._revise(self.pins, first, last)
         return wrong
 
     def observe(self, observations: Observation) -> None:
         """Fill the observations of all lanes, (B, entries), anew."""
-        self._observe(self._pins, observations.ctypes.data)
+        self._observe(self.pins, observations.ctypes.data)
 
 
 @kernel(nogil=True, short_loops=True, title="the environments")

@@ -32,7 +32,7 @@ from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, homed, target_shape, tendon_stiffnesses
+from rj_gym.tracking.draws import KeptRows, TrackingDraws, friction_shapes, hold, homed, target_shape
 from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
@@ -84,6 +84,7 @@ class TrackingTask(Task):
         self._own_rewards, self._own_ends = config.terms.columns(self._plain + self._truths)
         self.own_ends = bool(self._own_ends)
         self._blocks = self._uniform_blocks()
+        self.kept_rows = KeptRows()
 
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves out target and errors."""
@@ -145,7 +146,7 @@ class TrackingTask(Task):
 
     def of_designs(self, mechanisms: Sequence[Any], designs: NDArray[np.int64]) -> dict[str, Any]:
         """The fields of draws that lanes with these designs have from their mechanisms."""
-        return {"stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0)}
+        return {"stiffnesses": self.kept_rows.of(mechanisms, "stiffnesses").take(designs, axis=0)}
 
     @abstractmethod
     def own_uniforms(self) -> tuple[Shapes, Shapes]:
