@@ -10,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 import rj_gym
+from rj_gym.many import episodes
 from rj_gym.many.episodes import runs_of
 from rj_gym.many.kernels import ABSENT
 from rollingjoint import five_link
@@ -123,6 +124,33 @@ def test_lanes_equal_scalar_environments_through_restarts_of_some(env_id):
             assert np.array_equal(observation, observations[lane])
             assert (reward, *ends) == (rewards[lane], terminated[lane], truncated[lane])
         over = terminated | truncated
+
+
+@BOTH
+@pytest.mark.parametrize("left", ["to threads", "to the general solver"])
+def test_steps_that_the_kernel_leaves(env_id, left, monkeypatch):
+    apart, step_apart = [], episodes._Size.step_apart
+    monkeypatch.setattr(episodes._Size, "step_apart", lambda *given: apart.append(given) or step_apart(*given))
+    settings = (
+        {"mechanisms": FEW} if left == "to threads" else {"mechanisms": FEW, "load": {"magnitude": (200.0, 600.0)}}
+    )
+    singles = [gymnasium.make(env_id, **settings) for _ in range(6)]
+    for lane, env in enumerate(singles):
+        env.reset(seed=lane)
+    if left == "to threads":
+        monkeypatch.setattr(episodes, "runs_at_once", lambda *_: False)
+    envs, rng = lanes(6, env_id, **settings), np.random.default_rng(2)
+    envs.reset(seed=0)
+    n_apart = 0
+    for _ in range(6):
+        actions = rng.uniform(-1, 1, (6, TENDONS[env_id])).astype(np.float32)
+        apart.clear()
+        observations, rewards, *_ = envs.step(actions)
+        n_apart += len(apart)
+        alone = [env.step(action) for env, action in zip(singles, actions, strict=True)]
+        assert np.array_equal(observations, [each[0] for each in alone])
+        assert rewards.tolist() == [each[1] for each in alone]
+    assert n_apart > 0
 
 
 @BOTH
