@@ -45,6 +45,8 @@ class APG(Distill):
         estimate_weight: weight of the error with which a linear readout of the memory estimates the hidden state [mm]:
             it teaches the memory its contents. The readout is not part of the policy.
         lane_gradient: see DifferentiableEpisodes.
+        short: the share of training, at its beginning, in which episodes end after `short_steps`. Where the way is
+            shorter than that, as many steps of training show more episodes; the rest teaches the policy to stay.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
         lessons: the share of training, at its beginning, in which the policy imitates the teacher instead: see Distill,
             also for `teacher`, `taught` (a share of the lessons), `delta`, `gradient_steps`, `batch_size`,
@@ -64,6 +66,8 @@ class APG(Distill):
         force_weight: float = 1.0,
         estimate_weight: float = 0.0,
         lane_gradient: float | None = 2.0,
+        short: float = 0.0,
+        short_steps: int = 20,
         max_grad_norm: float = 0.5,
         lessons: float = 0.0,
         lessons_rate: float | Schedule | None = None,
@@ -79,6 +83,7 @@ class APG(Distill):
     ) -> None:
         self.settled_steps, self.whole_weight, self.estimate_weight = settled_steps, whole_weight, estimate_weight
         self.lane_gradient, self.lessons_rate, self.force_weight = lane_gradient, lessons_rate, force_weight
+        self.short, self.short_steps = short, short_steps
         super().__init__(
             policy, env, learning_rate, teacher, taught, delta, gradient_steps, batch_size, kept_rollouts, lessons,
             max_grad_norm, stats_window_size, optimizer, **common,
@@ -88,8 +93,9 @@ class APG(Distill):
         task = None if self.env is None else native_env(self.env, among_walls=True).task
         if isinstance(task, SurroundingsTask):
             check_lumen(task)
-            if self.estimate_weight > 0.0:
-                raise ConfigError("parameters.estimate_weight", self.estimate_weight, "0 among walls")
+            for name in ("estimate_weight", "short"):
+                if getattr(self, name) > 0.0:
+                    raise ConfigError(f"parameters.{name}", getattr(self, name), "0 among walls")
         super()._setup_model()
 
     def _setup_lr_schedule(self) -> None:
@@ -103,8 +109,14 @@ class APG(Distill):
         if isinstance(env.task, SurroundingsTask):
             own = WalledEpisodes(env, self._normalise, self.lane_gradient)
         else:
-            own = DifferentiableEpisodes(env, self._normalise, self.lane_gradient, base_of(self.env))
+            own = DifferentiableEpisodes(
+                env, self._normalise, self.lane_gradient, base_of(self.env), self._shortened_to
+            )
         return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
+
+    def _shortened_to(self) -> int | None:
+        """How many steps the next episodes have; None: all."""
+        return self.short_steps if self.num_timesteps < self.short * self._total_timesteps else None
 
     def loss(self, played: Played | PlayedAmongWalls) -> torch.Tensor:
         """The loss of an update [mm], in lumens [mm²]."""

@@ -68,6 +68,7 @@ class DifferentiableEpisodes:
             are scaled down. None: any.
         base: of a residual policy, which sees its outputs behind the observation. Gradients take outputs as given:
             their response to the policy is left out. None: the policy acts alone.
+        shortened_to: says after how many steps the next episodes end; None for all of them.
     """
 
     def __init__(
@@ -76,8 +77,10 @@ class DifferentiableEpisodes:
         normalise: Normalise,
         lane_gradient: float | None = None,
         base: ResidualBase | None = None,
+        shortened_to: Callable[[], int | None] = lambda: None,
     ) -> None:
         self.env, self.normalise, self.lane_gradient, self.base = env, normalise, lane_gradient, base
+        self.shortened_to = shortened_to
         self.observing, config = Observing(env.task), env.task.config
         actuation = config.actuation
         self.delay = actuation.delay
@@ -86,21 +89,23 @@ class DifferentiableEpisodes:
     def play(self, actor: Taped, watch: Callable[[Any], bool] = lambda step: True) -> Played | None:
         """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so."""
         env, steps = self.env, self.env.task.config.episode_steps
+        steps = min(steps, self.shortened_to() or steps)
         observation, info = env.reset()
         if self.base is not None:
             self.base.reset(np.ones(env.num_envs, bool))
         episode = _EpisodeTape(self, actor.tape(steps, env.num_envs), steps)
         alive, states = np.ones(env.num_envs, bool), []
-        for _ in range(steps):
+        for step in range(1, steps + 1):
             action = episode.act(observation, self._outputs(observation))
             states.append((alive.copy(), info["target"], info["load"]["force"]))
             observation, rewards, terminated, truncated, info = env.step(np.clip(action, -1.0, 1.0))
             episode.moved(info["target"])
-            alive &= ~(terminated | truncated)
-            if not watch((info, rewards, terminated | truncated)):
+            ended = terminated | truncated
+            alive &= ~ended
+            if not watch((info, rewards, ended | (step == steps))):
                 return None
-            if terminated.any() and not truncated.all():  # those go on as other episodes, which do not count
-                observation, info = env.reset(options={"reset_mask": terminated | truncated})
+            if terminated.any() and step < steps:  # those go on as other episodes, which do not count
+                observation, info = env.reset(options={"reset_mask": ended})
         running, targets, forces = (np.stack(values) for values in zip(*states, strict=True))
         errors, actions, memories = _Gradients.apply(episode, *episode.actor.parameters)
         hidden = single(episode.hidden(targets, forces))

@@ -94,6 +94,8 @@ PARAMETERS: dict[str, dict[str, Check]] = {
         "force_weight": _positive,
         "estimate_weight": _positive,
         "lane_gradient": optional(_positive),
+        "short": _share,
+        "short_steps": _count,
     },
     "distill": _LESSONS,
 }

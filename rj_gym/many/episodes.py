@@ -38,7 +38,7 @@ _BOUND = {"_pinned", "_pins", "_spread", "_room", "_room_at"}  # attributes of a
 _ARRANGED = {"_running", "_pinned", "_step"}  # the same of a buffer
 NO_RUNS = np.zeros((0, RUN_COLUMNS), np.int64)
 
-MOST_KNOWN = 128
+MOST_KNOWN = 512
 """Mechanisms of one number of links that a buffer keeps, so that episodes that draw them again begin faster."""
 
 

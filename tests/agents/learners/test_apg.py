@@ -48,6 +48,17 @@ def test_errors_shrink_within_a_few_updates(optimizer: str, share: float) -> Non
     assert np.mean(losses[-5:]) < share * np.mean(losses[:3])
 
 
+def test_episodes_are_short_in_the_first_share_of_training() -> None:
+    config = TrainConfig.from_dict(settings(2, parameters={"short": 0.5, "short_steps": 4}))
+    model = build_model(config)
+    steps: list[tuple[int, int]] = []
+    loss = model.loss
+    model.loss = lambda played: steps.append((len(played.errors), len(model.ep_info_buffer))) or loss(played)
+    learn(model, config, [])
+    assert steps == [(4, 32), (4, 64), (4, 96), (4, 100), (16, 100)]  # the window of ended episodes holds a hundred
+    assert model.num_timesteps == config.total_timesteps
+
+
 def test_numpy_gives_the_actions_of_the_learner_over_whole_episodes() -> None:
     check_that_numpy_acts_as_torch(TrainConfig.from_dict(settings(2)))
 

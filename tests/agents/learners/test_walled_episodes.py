@@ -95,10 +95,11 @@ def test_a_policy_in_lumens_follows_the_gradient() -> None:
     close(model)
 
 
-def test_a_readout_of_the_hidden_state_is_refused() -> None:
+@pytest.mark.parametrize("name", ["estimate_weight", "short"])
+def test_what_needs_episodes_without_walls_is_refused(name: str) -> None:
     model = build_model(settings())
-    model.estimate_weight = 0.1
-    with pytest.raises(ConfigError, match=r"parameters.estimate_weight = 0.1: expected 0 among walls"):
+    setattr(model, name, 0.1)
+    with pytest.raises(ConfigError, match=rf"parameters.{name} = 0.1: expected 0 among walls"):
         model._setup_model()
     close(model)
 
