@@ -118,7 +118,7 @@ class PairConfig:
     def search_of(self, objective: Mapping[str, Any] | None) -> SearchConfig:
         """The search file of an objective alone, with the limits; None: of the limits alone."""
         apart = ("opposite", "low", "high")
-        any_kind = next(iter((*self.limits, *self.objectives)), {"kind": "lateral_stiffness"})
+        any_kind = next(iter((*self.limits, *self.objectives)), {"kind": "tip_travel"})
         kept = {key: value for key, value in (objective or any_kind).items() if key not in apart}
         measured = {**kept, "weight": 0.0} if objective is None else {**kept, "scale": "reference"}
         return SearchConfig([measured], {"gradient": {"starts": self.rival_starts}}, self.space, self.limits)

@@ -227,6 +227,13 @@ def test_a_search_of_earlier_files_retrains_policies():
     assert former.search_settings() == now.search_settings() and now.search_settings()["retrained"].budget == 3
 
 
+def test_a_pair_needs_no_objectives_and_no_limits(tmp_path):
+    space = {"mechanism": "two_segment", "hole_radius": [-2, 2]}
+    study = Study(tmp_path, PairConfig(task={"kind": "hold", "goal": "precision"}, space=space))
+    assert not study.rivals
+    assert study.problem.evaluate(np.full((1, study.problem.dimensions), 0.5)).feasible.all()
+
+
 def test_lumens_want_planar_designs_of_one_height():
     with pytest.raises(ConfigError, match="in the plane"):
         LumenPush().on(DesignSpace.of("pitch_yaw"))
