@@ -218,26 +218,34 @@ class ManyEpisodeBuffer(EpisodeBuffer):
 
     def restart(self, rows: Rows, rngs: Random, fixed: ManyOptions | None = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, each with a design of its own: info["sampled"], and their observations."""
-        designs = self.task.choose(rngs, fixed)
+        designs, observations = self.task.choose(rngs, fixed), self._room()
+        try:
+            sampled = self._begin(rows, designs, rngs, fixed, observations)
+        finally:  # not even Ctrl-C leaves addresses of arrays that are gone
+            self._arrange()
+        sampled["design"] = np.array([design.number for design in designs], np.int64)
+        sampled["n_links"] = np.array([design.n_links for design in designs], np.int64)
+        self._actions[rows] = 0.0
+        return sampled, observations[rows]
+
+    def _begin(
+        self, rows: Rows, designs: Sequence[DrawnDesign], rngs: Random, fixed: ManyOptions | None, into: Observation
+    ) -> dict[str, Any]:
+        """New episodes in these lanes with these designs; fills their observations, and gives their info["sampled"]."""
         begins = np.zeros(self.capacity, bool)
         begins[rows] = True
         for size in self._sizes.values():
             size.leave(~begins[size.lanes])
         self._describe(rows, designs)
         sampled: dict[str, Any] = {}
-        observations = self._room()
         for n, places in by_links(designs).items():
             those = rngs.of(places) if isinstance(rngs, Generators) else [rngs[place] for place in places]
             chosen, options = [designs[place] for place in places], self.task.options_for(n, fixed)
-            part = self._size(n).join(rows[places], chosen, those, options, observations)
+            part = self._size(n).join(rows[places], chosen, those, options, into)
             for name, values in part.items():
                 room = sampled.setdefault(name, np.empty((len(rows), *values.shape[1:]), values.dtype))
                 room[places] = values
-        sampled["design"] = np.array([design.number for design in designs], np.int64)
-        sampled["n_links"] = np.array([design.n_links for design in designs], np.int64)
-        self._actions[rows] = 0.0
-        self._arrange()
-        return sampled, observations[rows]
+        return sampled
 
     def tangent(self) -> Tangent:
         """The state of all lanes and how it answers the tendons' commands."""
@@ -285,17 +293,18 @@ class ManyEpisodeBuffer(EpisodeBuffer):
         return self.task.renderer()
 
     def _set(self, numbers: NDArray[np.int64], lanes: Any, episodes: Any) -> None:
-        for size in self._sizes.values():
-            size.leave(np.zeros(len(size.lanes), bool))
-        for n, state in episodes.items():
-            size = self._size(int(n))
-            size.buffer.set_state(state)
-            mechanisms = size.buffer.solver.mechanisms
-            rows = size.buffer.solver.designs[: len(lanes[n])]
-            own = [DrawnDesign(int(numbers[lane]), mechanisms[row]) for lane, row in zip(lanes[n], rows, strict=True)]
-            size.place(own, lanes[n])
-            self._describe(size.lanes, own)
-        self._arrange()
+        try:
+            for size in self._sizes.values():
+                size.leave(np.zeros(len(size.lanes), bool))
+            for n, state in episodes.items():
+                size = self._size(int(n))
+                size.buffer.set_state(state)
+                mechanisms, rows = size.buffer.solver.mechanisms, size.buffer.solver.designs[: len(lanes[n])]
+                chosen = zip(numbers[lanes[n]].tolist(), rows, strict=True)
+                size.place([DrawnDesign(number, mechanisms[row]) for number, row in chosen], lanes[n])
+                self._describe(size.lanes, size.designs)
+        finally:
+            self._arrange()
         self.observe()
 
     def _arrange(self) -> None:

@@ -58,7 +58,7 @@ def step_sizes(pins, observations, first):
     """One step of the lanes with each number of links, from row `first` of sizes on: see `spread` for observations.
 
     Returns the row that it leaves: before its step, where threads share it, or after it with lanes that the solver has
-    left; the number of rows if none. One call takes half the time of one from Python for each.
+    left; the number of rows if none.
     """
     sizes, actions = unpin(pins, SizeArrays)
     for size in range(first, sizes.shape[0]):

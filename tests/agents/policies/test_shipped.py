@@ -39,7 +39,8 @@ def test_shipped_policy_scores_within_its_recorded_band(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_shipped_policy_is_small_and_says_where_it_comes_from(path):
     policy = load_policy(path)
-    assert path.stat().st_size < (1_000_000 if policy.has_memory else 120_000)
+    with_memory = 2_500_000 if policy.name == "generalist_space_blind" else 1_000_000  # of width 256, the others 128
+    assert path.stat().st_size < (with_memory if policy.has_memory else 120_000)
     assert {"torch", "stable-baselines3", "rollingjoint", "python"} <= policy.training["versions"].keys()
     assert policy.training["config"]["algorithm"] == policy.algorithm
     assert policy.training["steps"] > 0

@@ -54,4 +54,6 @@ def test_docstring_tables_every_entry_of_the_description_with_its_bounds(kind, p
 )
 def test_configuration_files_differ_from_the_defaults_by_designs_and_sensors(kind, name, sensing):
     values = yaml.safe_load((ROOT / "configs" / "env" / f"{name}.yaml").read_text())
-    assert kind.from_dict(values) == kind(mechanisms={"designs": (0, 512)}, sensing=sensing)
+    first, stop = values["mechanisms"]["designs"]
+    assert (first, stop) == (0, 2048 if name == "generalist_space_blind" else 512)
+    assert kind.from_dict(values) == kind(mechanisms={"designs": (first, stop)}, sensing=sensing)
