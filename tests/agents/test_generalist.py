@@ -72,7 +72,7 @@ def test_the_commands_of_the_page_run(tmp_path, monkeypatch, no_pictures):
         (tmp_path / name).symlink_to(Path(name).resolve())
     monkeypatch.chdir(tmp_path)
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)).splitlines()
-    assert len(commands) == 11
+    assert len(commands) == 13
     few = [*FEW.split(), "evaluation.every=60", "evaluation.episodes=2", "checkpoint_every=60"]
     spec = importlib.util.spec_from_file_location("generalist_benchmark", script)
     module = importlib.util.module_from_spec(spec)
