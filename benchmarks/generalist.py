@@ -6,6 +6,7 @@
     python benchmarks/generalist.py --blind --run runs/blind       # mechanisms whose tip is not seen
     python benchmarks/generalist.py --blind --run runs/blind --specialist runs/one # and one trained on one of them
     python benchmarks/generalist.py --lost                         # why episodes end far from their target
+    python benchmarks/generalist.py --way --space --choose         # how many steps the tendons' way to a target takes
     python benchmarks/generalist.py --film docs/images/generalist.gif
     python benchmarks/generalist.py --blind --film docs/images/generalist_blind.gif
     python benchmarks/generalist.py --space                        # mechanisms in space; with --blind, too
@@ -27,6 +28,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -90,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, help="first design, in place of that of the range")
     parser.add_argument("--only-policies", action="store_true")
     parser.add_argument("--lost", action="store_true", help="why episodes are lost, and no other tables")
+    parser.add_argument("--way", action="store_true", help="how long the tendons' way to a target is, and no tables")
     parser.add_argument("--out", type=Path, help="a JSON file for the errors of all episodes [mm]")
     parser.add_argument("--film", type=Path, help="write an animation of test designs of every size, and no tables")
     arguments = parser.parse_args(argv)
@@ -108,6 +111,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     first = numbers.start if arguments.first is None else arguments.first
     designs = list(range(first, first + arguments.designs))
+    if arguments.way:
+        print(way_of(env, policies[Path(runs[0]).name], designs, seeds.start))
+        return 0
     if arguments.lost:
         controllers |= {} if arguments.blind else opponents(env, blind=False)
         print(why_lost(env, controllers, seen, designs, arguments.episodes, seeds.start))
@@ -165,6 +171,20 @@ def errors_of(env: EnvConfig, controller: Controller, designs: Sequence[int], ep
 def seeds_of(design: int, episodes: int, seed: int) -> list[int]:
     """Seeds of the episodes of a design, where those of a range begin at `seed`."""
     return [seed + design % DESIGNS_TO_CHOOSE.start * episodes + each for each in range(episodes)]
+
+
+def way_of(env: EnvConfig, policy: Controller, designs: Sequence[int], seed: int) -> str:
+    """Steps at full speed from where an episode of every design begins to where a policy ends it."""
+    config = env.arguments()["config"]
+    envs = gymnasium.make_vec(env.id, len(designs), "vector_entry_point", config=config)
+    observations, _ = envs.reset(seed=seed, options={"lanes": [{"design": design} for design in designs]})
+    policy.begin(envs)
+    begun = envs.unwrapped.tangent().commands
+    for _ in range(config.episode_steps):
+        observations, *_ = envs.step(policy.act(observations))
+    steps = np.abs(envs.unwrapped.tangent().commands - begun).max(axis=1) / config.action_scale_mm
+    median, most = np.median(steps), steps.max()
+    return f"steps of the tendon with the longest way, {len(designs)} episodes: median {median:.1f}, at most {most:.1f}"
 
 
 def why_lost(
