@@ -61,8 +61,8 @@ def run_in_threads(work: _Work, n_rows: int, n_joints: int, abandon: bool = Fals
 
 def runs_at_once(n_joints: int, n_rows: int = 1) -> bool:
     """True where run_in_threads does rows of such a chain by one plain call, on the thread of its caller."""
-    few = n_rows * n_joints <= _JOINTS_OF_A_PIECE and _threads_for(n_rows, n_joints) == 1
-    return n_joints <= _SHORT_CHAIN and (n_rows == 1 or few)
+    is_brief = n_joints <= _SHORT_CHAIN and n_rows * n_joints <= _JOINTS_OF_A_PIECE
+    return is_brief and _threads_for(n_rows, n_joints) == 1
 
 
 def _threads_for(n_rows: int, n_joints: int) -> int:

@@ -131,9 +131,8 @@ def test_lanes_equal_scalar_environments_through_restarts_of_some(env_id):
 def test_steps_that_the_kernel_leaves(env_id, left, monkeypatch):
     apart, step_apart = [], episodes._Size.step_apart
     monkeypatch.setattr(episodes._Size, "step_apart", lambda *given: apart.append(given) or step_apart(*given))
-    settings = (
-        {"mechanisms": FEW} if left == "to threads" else {"mechanisms": FEW, "load": {"magnitude": (200.0, 600.0)}}
-    )
+    force = {} if left == "to threads" else {"load": {"magnitude": (200.0, 600.0)}}
+    settings = {"mechanisms": FEW, **force}
     singles = [gymnasium.make(env_id, **settings) for _ in range(6)]
     for lane, env in enumerate(singles):
         env.reset(seed=lane)
