@@ -207,7 +207,7 @@ def _word(name: str) -> str:
 
 
 def _percent(better: Interval) -> str:
-    return f"{100 * better.value:.0f} % [{100 * better.low:.0f}, {100 * better.high:.0f}]"
+    return f"{100 * better.value:z.0f} % [{100 * better.low:z.0f}, {100 * better.high:z.0f}]"
 
 
 def _figure(value: float) -> str:
